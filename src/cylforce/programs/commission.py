@@ -167,7 +167,7 @@ def _scaled(loaded: Loaded, found: Identification, order: Order, known_kg: float
     """Watch the lift of a known weight, take the scale from it; False when it was interrupted."""
     # The scale is what the lift is to show: its error must not keep the known weight from being booked. The oil is as
     # warm as it was a minute ago, so that friction and zeros differ no more than between strokes.
-    core = Core(loaded.service._replace(adapt=False), found.tares._replace(scale_error=0.0))
+    core = Core(loaded.service._replace(adapt=False), found.tares._replace(scale_error=0.0, common_error=0.0))
     console.print(f"recording the lift to {order.lift_log}", soft_wrap=True)
     bus = open_shared_bus(order.bus)
     try:
