@@ -108,4 +108,4 @@ def rescaled(model: Model, values: Array, factor: float) -> Array:
 
 
 def _rounded(factor: float) -> str:
-    return f"{factor:.3g}" if factor < 1.0 else f"{factor:.2f}"
+    return f"{factor:.2g}" if factor < 1.0 else f"{factor:.2f}"

@@ -58,9 +58,9 @@ def _question(model: Model, tares: Tares, known_kg: float) -> tuple[str, ...]:
     if abs(measured - 1.0) <= HEAVY * hypot(model.scale_error, tares.scale_error):
         return ()
     sentence = (
-        f"the known weight reads {measured * known_kg:.0f} kg, not {known_kg:g} kg: all forces are {measured:.3f} times "
-        f"as large, where bores, pins and sensors allow +- {100.0 * model.scale_error:.1f} % (standard error): weigh it "
-        f"on a scale; if it is right, check {CHECKED}, bore_mm and pins"
+        f"the known weight reads {measured * known_kg:.0f} kg, not {known_kg:g} kg: all forces are {measured:.3f} "
+        f"times as large, where bores, pins and sensors allow +- {100.0 * model.scale_error:.1f} % (standard error): "
+        f"weigh it on a scale; if it is right, check {CHECKED}, bore_mm and pins"
     )
     return (sentence,)
 
