@@ -82,13 +82,24 @@ def _guide(loaded: Loaded, order: Order) -> Guide:
 
 
 def unbooked(tares: Tares) -> str:
-    """What follows from the error of a scale without a known weight; nothing where it lets a rated load be booked."""
+    """What follows from the error of a scale without a known weight; nothing where a rated load is known well enough."""
     if tares.scale_error <= GOOD_ENOUGH:
-        return ""
+        return _only_degraded(tares)
     return (
         f"; with it no weight above {100.0 * GOOD_ENOUGH / tares.scale_error:.0f} % of the rated payload is booked: "
         f"its pins and bores leave +- {100.0 * tares.scale_error:.1f} % of the weight; lift a known weight "
         "(--known-kg, or identify --lift)"
+    )
+
+
+def _only_degraded(tares: Tares) -> str:
+    """What follows from a common scale of all pressures that only the masses bound."""
+    if tares.common_error <= GOOD_ENOUGH:
+        return ""
+    return (
+        f"; with it weights above {100.0 * GOOD_ENOUGH / tares.reported_scale_error:.0f} % of the rated payload are "
+        f"shown as DEGRADED and booked with +- {100.0 * tares.reported_scale_error:.1f} %: only the data sheet's "
+        "masses show the scale of the pressures; lift a known weight (--known-kg, or identify --lift)"
     )
 
 
