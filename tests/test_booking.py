@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cylforce.estimation.model import Tares
 from cylforce.estimation.recursive import known, solution, update
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import Books, Weighed, corrected, difference_error, error, noted, parted, spilled, unseen
@@ -17,8 +18,9 @@ RATED = 1500.0
 STILL = SimpleNamespace(values=np.zeros(2), covariance=np.diag([4.0, 1.0]))
 
 
-def tares(scale_error=0.0, spread=0.0):
-    return SimpleNamespace(covariance=np.diag([spread**2]), scale_error=scale_error)
+def tares(scale_error=0.0, spread=0.0, common_error=0.0):
+    known = (np.zeros(1), np.diag([spread**2]), np.zeros(0))
+    return Tares((), ("a",), *known, True, 1.0, scale_error, common_error=common_error)
 
 
 def weight(mass, noise=1.0, gain=0.0, drifted=(0.0, 0.0), moving=100, tilt=None, hung=None):
@@ -62,6 +64,16 @@ def after(books, *weights):
     for t, each in enumerate(weights):
         books = noted(books, each, RATED, t, tares(), STILL)
     return books
+
+
+def test_what_only_the_masses_bound_of_the_scale_is_in_the_error_and_withholds_nothing():
+    """6 % of 1200 kg are 72 kg, of the 15 kg that noise, tares, drift and the cylinders' scale may have."""
+    books = Books()
+    for each in (weight(1200.0), weight(1200.0), None, weight(5.0), weight(5.0)):
+        books = parted(books) if each is None else noted(books, each, RATED, 0, tares(0.001, 0.0, 0.06), STILL)
+    scale = np.hypot(0.001, 0.06)
+    assert books.booking.standard_error == pytest.approx(np.hypot(1.0, 1200.0 * scale))
+    assert books.booking.dumped_error == pytest.approx(np.hypot(np.sqrt(2.0), 1195.0 * scale))
 
 
 def test_gross_what_remained_and_what_left():

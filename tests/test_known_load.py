@@ -41,6 +41,18 @@ def test_a_known_weight_tells_how_much_too_large_the_areas_are():
         replace(c, area_head=wrong * c.area_head, area_rod=wrong * c.area_rod) for c in model.machine.cylinders
     ]
     model = Model(replace(model.machine, cylinders=tuple(cylinders)), model.filters, model.friction)
-    found = with_known_load(identify(model, [moved(loaded)]), [lifted(loaded)], KNOWN_KG, hanging).tares
+    identified = with_known_load(identify(model, [moved(loaded)]), [lifted(loaded)], KNOWN_KG, hanging)
+    found = identified.tares
     assert found.scale == pytest.approx(1.0 / wrong, abs=0.005)
     assert abs(found.scale - 1.0 / wrong) < 3.0 * found.scale_error
+    assert found.common_error == 0.0
+    assert identified.knows_scale
+    assert identified.warnings[0].startswith("the known weight reads 10")
+    assert "+- 0." in identified.warnings[0]
+
+
+def test_a_known_weight_that_agrees_with_the_data_sheet_is_not_questioned():
+    loaded = load(EXCAVATOR)
+    found = with_known_load(identify(model_of(loaded), [moved(loaded)]), [lifted(loaded)], KNOWN_KG, hanging)
+    assert found.warnings == ()
+    assert found.knows_scale

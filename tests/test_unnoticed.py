@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.drift import drift_spread
-from cylforce.estimation.model import EXPECTED
+from cylforce.estimation.model import EXPECTED, Tares
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted, variances
 from cylforce.service.plausibility.blocks import LOAD, Gatherer
@@ -21,7 +21,7 @@ from weighing.parts import Parts
 LIFT = 200  # samples of a lift, more than those of a second
 PRIOR = np.full(LOAD + 1, 0.01)
 RATED = 1500.0
-TARES = SimpleNamespace(covariance=np.zeros((1, 1)), scale_error=0.0)
+TARES = Tares((), ("a",), np.zeros(1), np.zeros((1, 1)), np.zeros(0), True)
 STILL = SimpleNamespace(values=np.zeros(1), covariance=np.zeros((1, 1)))
 
 

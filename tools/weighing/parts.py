@@ -74,7 +74,8 @@ def _booked(core: Core, before: State, state: State) -> dict[int, tuple[float, f
     probable = before.weighing.books.probable
     if booking is None or lifted is None or probable is None:
         return {}
-    found = variances(lifted, core.tares, before.drift, probable.expected)
+    tares = core.tares._replace(scale_error=core.tares.reported_scale_error)
+    found = variances(lifted, tares, before.drift, probable.expected)
     return {booking.number: (1e-6 * booking.t_us, booking.mass, found, _ways(core, before.drift, lifted, probable))}
 
 

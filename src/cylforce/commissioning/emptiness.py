@@ -169,13 +169,13 @@ def with_load(model: Model, data: Factors) -> tuple[Factors, Prior]:
     rated, moment = model.machine.rated_payload, model.machine.rated_payload * model.machine.payload_reach
     spread = np.array([2.0 * rated, moment, moment, moment * model.machine.payload_reach])
     columns = np.broadcast_to(model.load, (data.samples.shape[1], *model.load.shape))
-    return beside(data, columns), _beside(model.prior, spread)
+    return beside(data, columns), with_more(model.prior, spread)
 
 
 def area_errors(model: Model, data: Factors, noise: Array, fit: Fit) -> list[Explanation]:
     """Per measured torque: by what share it is larger than the torque that follows from the masses which the other
     rows measure. By that share the true piston area is smaller than in the machine file."""
-    weight, prior = fit.trust / (noise * np.sqrt(CORRELATED)), _beside(model.prior, np.array([AREA]))
+    weight, prior = fit.trust / (noise * np.sqrt(CORRELATED)), with_more(model.prior, np.array([AREA]))
     alone, found = best(data, weight, model.prior)[1], []
     for r in range(data.samples.shape[1]):
         columns = np.zeros((data.samples.shape[1], len(fit.values), 1))
@@ -187,7 +187,7 @@ def area_errors(model: Model, data: Factors, noise: Array, fit: Fit) -> list[Exp
     return found
 
 
-def _beside(prior: Prior, spread: Array) -> Prior:
+def with_more(prior: Prior, spread: Array) -> Prior:
     """The prior with M more parameters of mean zero and standard error `spread` (M,)."""
     size = len(spread)
     covariance = np.zeros((len(prior.mean) + size,) * 2)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.commissioning.common_scale import CommonScale, common_scale
 from cylforce.commissioning.consistency import consistent, violations
 from cylforce.commissioning.explained import quality, row_noise
 from cylforce.commissioning.repairs import Case
@@ -37,7 +38,9 @@ class Identification(NamedTuple):
     """The `model` with the friction laws that were chosen, its `tares`, the fit, names of what the recording does not
     determine, seconds of usable motion, and per friction law tried the mean squared prediction error in data left out
     of the fit (1: the row's own noise); sentences for the physical laws that the fit violates; share of each joint's
-    torque that is `explained` (R,), NaN where a joint was not seen; `warnings` that go with the tares into service."""
+    torque that is `explained` (R,), NaN where a joint was not seen; `warnings` that go with the tares into service;
+    `by_masses`: the common scale of the pressures by the data sheet's masses, None with another tool, which takes the
+    scale of the standard tool."""
 
     model: Model
     tares: Tares
@@ -48,11 +51,12 @@ class Identification(NamedTuple):
     violations: tuple[str, ...]
     explained: Array
     warnings: tuple[str, ...]
+    by_masses: CommonScale | None = None
 
     @property
     def knows_scale(self) -> bool:
         """Whether a known weight was lifted; else the scale and its error are those of the data sheet."""
-        return (self.tares.scale, self.tares.scale_error) != (1.0, self.model.scale_error)
+        return self.tares.common_error == 0.0 or self.tares.scale_error != self.model.scale_error
 
 
 def identify(
@@ -61,7 +65,7 @@ def identify(
     """Tares from gapless segments of samples (T, S). `model.friction` are the laws to choose from; CERTAIN ones always
     stay. `two_steps`: the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once.
     `enforce`: the nearest physically consistent tares. `refuse`: look for the signatures of a load, of contact, of dead
-    or misplaced sensors and of wrong piston areas.
+    or misplaced sensors, of wrong piston areas and of a wrong scale of all pressures.
 
     Raises ValueError, in a sentence, when the recording is too short, does not move, moves a cylinder one way only, or
     is refused, or when a joint's torque stays unexplained (`soundness`)."""
@@ -85,7 +89,9 @@ def identify(
     covariance = under_load(best, fit.covariance)
     lasting = correlation(best, fewer, fit.values, left)
     differ = between_strokes(best, _beside_tool(model, best, whole), fit.values, left)
-    tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, best.scale_error, lasting, differ)
+    masses = common_scale(best, fewer, noise)
+    rest = (best.scale_error, lasting, differ, masses.error)
+    tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, *rest)
     broken = violations(best, fit.values, np.sqrt(np.diag(fit.covariance)))
     found = quality(best, fewer, fit.values, fit.covariance)
     sound = soundness(Case(model, evidence[0].kept), found, broken)
@@ -93,7 +99,8 @@ def identify(
         raise ValueError(sound.refusal)
     obeying = consistent(best, tares) if enforce else tares
     lost = _not_told(best, fit)
-    return Identification(best, obeying, fit, lost, seconds, errors, broken, found.explained, sound.warnings)
+    warnings = (*((masses.sentence,) if masses.is_wrong else ()), *sound.warnings)
+    return Identification(best, obeying, fit, lost, seconds, errors, broken, found.explained, warnings, masses)
 
 
 def as_usual(model: Model, fit: Fit) -> Fit:

@@ -2,10 +2,13 @@
 forces."""
 
 from collections.abc import Callable, Iterable
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.commissioning.common_scale import CHECKED
+from cylforce.commissioning.emptiness import HEAVY
 from cylforce.commissioning.identification import Identification
 from cylforce.estimation import blocks, observation
 from cylforce.estimation.batch import least_squares
@@ -43,7 +46,23 @@ def with_known_load(
     fit = least_squares(data, tares.row_error, _before(found))
     error = float(np.sqrt(fit.covariance[-1, -1]))
     fitted = tares._replace(values=fit.values[:size], covariance=fit.covariance[:size, :size])
-    return found._replace(tares=fitted._replace(scale=1.0 / (1.0 + float(fit.values[-1])), scale_error=error))
+    scaled = fitted._replace(scale=1.0 / (1.0 + float(fit.values[-1])), scale_error=error, common_error=0.0)
+    question = _question(model, scaled, known_kg)
+    return found._replace(tares=scaled, warnings=(*question, *found.warnings))
+
+
+def _question(model: Model, tares: Tares, known_kg: float) -> tuple[str, ...]:
+    """A warning when the known weight moves the scale farther than the data sheet of pressure sensors, bores and pins
+    allows: by more than HEAVY standard errors of both."""
+    measured = 1.0 / tares.scale
+    if abs(measured - 1.0) <= HEAVY * hypot(model.scale_error, tares.scale_error):
+        return ()
+    sentence = (
+        f"the known weight reads {measured * known_kg:.0f} kg, not {known_kg:g} kg: all forces are {measured:.3f} "
+        f"times as large, where bores, pins and sensors allow +- {100.0 * model.scale_error:.1f} % (standard error): "
+        f"weigh it on a scale; if it is right, check {CHECKED}, bore_mm and pins"
+    )
+    return (sentence,)
 
 
 def _check_weight(found: Identification, seen: Array, known_kg: float) -> None:
@@ -55,7 +74,8 @@ def _check_weight(found: Identification, seen: Array, known_kg: float) -> None:
     if hanging.size >= ENOUGH_SECONDS * rate:
         raise ValueError(
             f"what was lifted weighs about {np.median(hanging):.0f} kg, not {known_kg:g} kg: give its true weight, and "
-            "lift nothing else"
+            f"lift nothing else; if it is right, all forces are {np.median(hanging) / known_kg:.2f} times as large as "
+            f"it needs: check {CHECKED}"
         )
     raise ValueError(
         f"no lift of {known_kg:g} kg is seen: lift the known weight clear of the ground, move it up and down for at "

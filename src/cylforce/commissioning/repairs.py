@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cylforce.commissioning.common_scale import common_scale, rescaled
 from cylforce.commissioning.emptiness import FITTING, not_empty
 from cylforce.commissioning.explained import FAR, criterion, quality, row_noise, unseen
 from cylforce.commissioning.wiring import PLACES, PRESSURES, SHORT_S, Exchange, exchanges, misfit, swapped
@@ -31,6 +32,7 @@ OFFSETS = np.radians(45.0)  # range in which a zero of an angle is searched
 STEPS = 10  # of such a search
 HOPELESS = 1e12  # criterion that stands for infinite in a search
 ANGLES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
+SCALE = "scale"  # cause: the common scale of all measured forces
 
 
 class Case(NamedTuple):
@@ -67,6 +69,7 @@ def repairs(case: Case, cylinders: Collection[int]) -> tuple[Repair, ...]:
         return ()
     tried = [Repair(words, words, score_of(changed), changed) for words, changed in _exchanged(case, cylinders)]
     tried += [_searched(search) for search in _searches(case, cylinders)]
+    tried += _rescaled(case)
     there = min(score_of(case), HOPELESS)
     ranked = sorted((t for t in tried if t.score < there - DECISIVE), key=lambda t: t.score)
     good: list[Repair] = []
@@ -170,6 +173,19 @@ def _searches(case: Case, cylinders: Collection[int]) -> Iterator[SizeSearch]:
 def _read_anew(model: Model, values: Array) -> Case:
     """A case with other readings, whose angles have the whole turns that the joints then allow."""
     return Case(model, Unwrapping(model.machine).of(values))
+
+
+def _rescaled(case: Case) -> list[Repair]:
+    """The correction of the common scale of all pressures; none where the data sheet does not exclude that they are
+    right."""
+    fitted = _factors(case)
+    if fitted is None or not np.any(fitted.samples):
+        return []
+    found = common_scale(case.model, fitted, typical_error(fitted))
+    if not found.is_wrong or found.factor <= 0.0:
+        return []
+    changed = Case(case.model, rescaled(case.model, case.values, found.factor))
+    return [Repair(SCALE, f"all pressures corrected, which are {found.words}", score_of(changed, 1), changed)]
 
 
 def _moved(case: Case, k: int, by: float) -> Case:

@@ -5,8 +5,9 @@ sentence that is said is that of the better explanation."""
 import numpy as np
 
 from cylforce.commissioning import emptiness, wiring
+from cylforce.commissioning.common_scale import common_scale
 from cylforce.commissioning.explained import criterion, row_noise
-from cylforce.commissioning.repairs import DECISIVE, Case, Repair, repairs, typical_error
+from cylforce.commissioning.repairs import DECISIVE, SCALE, Case, Repair, repairs, typical_error
 from cylforce.commissioning.wiring import SignalHistory, Suspicion
 from cylforce.estimation.batch import Fit, least_squares
 from cylforce.estimation.blocks import Factors, chosen, residual_squares
@@ -17,9 +18,10 @@ from cylforce.signals.estimate import Array
 
 def doubt(model: Model, whole: Factors, evidence: SignalHistory) -> str | None:
     """One sentence that says what is wrong and what to do, or None. Found are: a frozen or exchanged sensor, an
-    inertial sensor on another axis, a wrong piston area, contact of the tool, a load, and what is wrong in the machine
-    file when one of these is suspected. `whole`: factors with the tool's columns last; `evidence`: the raw samples. The
-    bars of a linkage are not free here: their weight would explain a wrong length (tests/test_unexplained.py)."""
+    inertial sensor on another axis, a wrong piston area, contact of the tool, a load, a wrong scale of all pressures,
+    and what is wrong in the machine file when one of these is suspected. `whole`: factors with the tool's columns last;
+    `evidence`: the raw samples. The bars of a linkage are not free here: their weight would explain a wrong length
+    (tests/test_unexplained.py)."""
     broken = wiring.frozen_pressure(model, evidence) or wiring.misplaced(model, evidence.kept)
     if broken is not None:
         return broken
@@ -49,7 +51,13 @@ def _suspected(model: Model, whole: Factors, noise: Array, fit: Fit, evidence: S
         # with a load that explains the misfit, exchanges are not tried: in a short recording many of them would fit
         explained = load.is_there and load.left < wiring.BETTER * left
         found = None if explained else wiring.miswired(model, evidence)
-    return found or emptiness.not_empty(model, whole, noise, fit)
+    return found or emptiness.not_empty(model, whole, noise, fit) or _misscaled(model, data, noise)
+
+
+def _misscaled(model: Model, data: Factors, noise: Array) -> Suspicion | None:
+    """All pressures too large or too small by one factor."""
+    scale = common_scale(model, data, noise)
+    return Suspicion(SCALE, scale.sentence) if scale.is_wrong else None
 
 
 def compared(case: Case, suspected: Suspicion) -> str:

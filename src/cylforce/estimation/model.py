@@ -76,7 +76,9 @@ class Tares(NamedTuple):
     the model does not explain on the empty machine; `identified`: from a recording, else from the data sheet. The
     remaining torque is multiplied by `scale` (with standard error `scale_error`), which a lift of a known weight
     corrects for errors of levers, areas and gains. `correlation` [s]: how long the unexplained torque keeps its
-    sign, as far as a weight is concerned; 0: not measured. `between_strokes`: how much friction and zeros differ."""
+    sign, as far as a weight is concerned; 0: not measured. `between_strokes`: how much friction and zeros differ.
+    `common_error`: relative error of a common scale of all pressures that the data sheet's masses allow; 0 after a
+    lift of a known weight."""
 
     friction: tuple[str, ...]
     names: tuple[str, ...]
@@ -88,6 +90,12 @@ class Tares(NamedTuple):
     scale_error: float = 0.0
     correlation: float = 0.0
     between_strokes: BetweenStrokes = EXPECTED
+    common_error: float = 0.0
+
+    @property
+    def reported_scale_error(self) -> float:
+        """Relative standard error of every reported weight and force by the scale: `scale_error` and `common_error`."""
+        return float(np.hypot(self.scale_error, self.common_error))
 
 
 @dataclass(frozen=True)

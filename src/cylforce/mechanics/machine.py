@@ -245,10 +245,16 @@ def with_parameters(machine: Machine, phi: Array) -> Machine:
 def base_parameter_covariance(links: tuple[Link, ...]) -> Array:
     """Covariance (3N, 3N) of `base_parameters` from the standard errors of the data sheet, by first-order error
     propagation."""
+    spread = base_parameter_spread(links)
+    return np.asarray(spread @ spread.T)
+
+
+def base_parameter_spread(links: tuple[Link, ...]) -> Array:
+    """(3N, 4N): what a standard error of each figure of the data sheet - mass, centre x, centre z and inertia of each
+    link - changes of `base_parameters`."""
     scale = [(k.mass_error, k.centre_error, k.centre_error, k.inertia_error) for k in links]
     gradient = np.concatenate([_mass_gradient(links, j) for j in range(len(links))], axis=1)
-    spread = gradient * np.array(scale).reshape(-1)
-    return np.asarray(spread @ spread.T)
+    return np.asarray(gradient * np.array(scale).reshape(-1))
 
 
 def _mass_gradient(links: tuple[Link, ...], j: int) -> Array:

@@ -82,13 +82,24 @@ def _guide(loaded: Loaded, order: Order) -> Guide:
 
 
 def unbooked(tares: Tares) -> str:
-    """What follows from the error of a scale without a known weight; nothing where it lets a rated load be booked."""
+    """What follows from the error of a scale without a known weight; nothing where a rated load is known well enough."""
     if tares.scale_error <= GOOD_ENOUGH:
-        return ""
+        return _only_degraded(tares)
     return (
         f"; with it no weight above {100.0 * GOOD_ENOUGH / tares.scale_error:.0f} % of the rated payload is booked: "
         f"its pins and bores leave +- {100.0 * tares.scale_error:.1f} % of the weight; lift a known weight "
         "(--known-kg, or identify --lift)"
+    )
+
+
+def _only_degraded(tares: Tares) -> str:
+    """What follows from a common scale of all pressures that only the masses bound."""
+    if tares.common_error <= GOOD_ENOUGH:
+        return ""
+    return (
+        f"; with it weights above {100.0 * GOOD_ENOUGH / tares.reported_scale_error:.0f} % of the rated payload are "
+        f"shown as DEGRADED and booked with +- {100.0 * tares.reported_scale_error:.1f} %: only the data sheet's "
+        "masses show the scale of the pressures; lift a known weight (--known-kg, or identify --lift)"
     )
 
 
@@ -167,7 +178,7 @@ def _scaled(loaded: Loaded, found: Identification, order: Order, known_kg: float
     """Watch the lift of a known weight, take the scale from it; False when it was interrupted."""
     # The scale is what the lift is to show: its error must not keep the known weight from being booked. The oil is as
     # warm as it was a minute ago, so that friction and zeros differ no more than between strokes.
-    core = Core(loaded.service._replace(adapt=False), found.tares._replace(scale_error=0.0))
+    core = Core(loaded.service._replace(adapt=False), found.tares._replace(scale_error=0.0, common_error=0.0))
     console.print(f"recording the lift to {order.lift_log}", soft_wrap=True)
     bus = open_shared_bus(order.bus)
     try:

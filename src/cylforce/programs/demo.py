@@ -35,6 +35,8 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
 
 MOVES_S = 120.0
+LIFT_S = 40.0
+KNOWN = 2.0 / 3.0  # times the rated payload: the known weight that is lifted; chosen
 NOT_SEEN_EMPTY_YET = "the run ended before the bucket was seen empty clearly enough"
 MASS_ERROR = 0.1  # of the true masses, as a fraction; the default of `cylforce sim`
 RELAY = "remote:127.0.0.1"
@@ -58,6 +60,11 @@ class Files(NamedTuple):
     def moves(self) -> Path:
         """Events of the empty machine's moves."""
         return self.folder / "moves.log"
+
+    @property
+    def lift(self) -> Path:
+        """Events of the lift of a known weight."""
+        return self.folder / "lift.log"
 
     @property
     def identified(self) -> Path:
@@ -84,7 +91,7 @@ def run_demo(
         with _relay(bus) as named, (files.folder / "daemon.jsonl").open("w") as messages:
             open_bus(named).close()  # a bus that is not there is noticed before minutes of work
             console.print(f"seed {seed}, bus {bus}, {clock} clock, {loaded.service.machine.name}")
-            _prepare(machine, files, seed, console)
+            _prepare(loaded, files, seed, console)
             configure_messages(messages)
             watched = asyncio.run(_work(loaded, files, named, cycles, seed, console))
             truth = read_truth(files.truth)
@@ -100,12 +107,17 @@ def run_demo(
     return all(w.estimated_kg is not None for w in weights)
 
 
-def _prepare(machine: Path, files: Files, seed: int, console: Console) -> None:
-    """Move the empty machine, faster than real time; identify its tares from that."""
+def _prepare(loaded: Loaded, files: Files, seed: int, console: Console) -> None:
+    """Move the empty machine, and lift a known weight, faster than real time; identify tares and scale from that."""
+    machine, known_kg = loaded.path, round(KNOWN * loaded.service.machine.rated_payload)
+    moves = ("sim", machine, "--scenario", "moves", "--seed", seed)
     console.print(f"1. the empty machine moves for {MOVES_S:.0f} s (masses 10 % off the machine file's)")
-    _cylforce("sim", machine, "--scenario", "moves", "--duration", MOVES_S, "--seed", seed, "--log", files.moves)
-    console.print("2. its tares are identified from that recording")
-    _cylforce("identify", machine, files.moves, "-o", files.identified)
+    _cylforce(*moves, "--duration", MOVES_S, "--log", files.moves)
+    console.print(f"   and lifts a known weight of {known_kg} kg")
+    _cylforce(*moves, "--duration", LIFT_S, "--payload-kg", known_kg, "--log", files.lift)
+    console.print("2. its tares and the scale are identified from these recordings")
+    lift = ("--lift", files.lift, "--known-kg", known_kg)
+    _cylforce("identify", machine, files.moves, *lift, "-o", files.identified)
 
 
 def _cylforce(*arguments: object) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from cylforce.commissioning.common_scale import CommonScale
 from cylforce.commissioning.identification import Identification, identify, identify_attachment
-from cylforce.estimation.model import Model
+from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import TooShortError
 from cylforce.files.atomic import RecordingError, Tell, check_outputs, warn
 from cylforce.files.logfile import file_sha256
@@ -163,11 +164,22 @@ def show(found: Identification, console: Console) -> None:
     console.print(f"friction: {', '.join(model.friction)}{errors}")
     if found.knows_scale:
         console.print(f"scale from the known weight: {found.tares.scale:.4f} +- {found.tares.scale_error:.4f}")
+    elif found.by_masses is not None:
+        console.print(without_known_weight(found.tares, found.by_masses))
     for sentence in found.violations:
         console.print(f"[bold]not physical:[/bold] {sentence}; --enforce finds the nearest tares that are")
     for sentence in found.warnings:
         if sentence not in found.violations:
             console.print(f"[bold red]warning:[/bold red] {escape(sentence)}")
+
+
+def without_known_weight(tares: Tares, by_masses: CommonScale) -> str:
+    """How well the scale is known without a known weight, and what to do."""
+    return (
+        f"scale: no known weight was lifted; the identified masses are {by_masses.factor:.3f} +- "
+        f"{by_masses.standard_error:.3f} times those of the data sheet, so that every weight is known to +- "
+        f"{100.0 * tares.reported_scale_error:.1f} % only: lift a known weight (--lift, --known-kg)"
+    )
 
 
 def _percent(share: float) -> str:

@@ -171,7 +171,9 @@ def _has_left(lifted: Weighed, left: Weighed, tares: Tares, drift: Drift) -> boo
 
 def _known(books: Books, lifted: Weighed, left: Weighed, enough: float, tares: Tares, drift: Drift) -> bool:
     """Whether the lifted weight is known well enough, also if any one signal is off by what is certain of that, and
-    what is `left` in the bucket or what left it is, too."""
+    what is `left` in the bucket or what left it is, too. The scale counts as far as the data sheet of cylinders, pins
+    and sensors bounds it. What only the masses bound is the same in every lift, and no later lift could do better: it
+    is in the booked standard error, and withholds nothing."""
     if error(lifted, tares, drift) > enough or _certain(lifted.slopes, books.probable) > enough:
         return False
     return min(error(left, tares, drift), difference_error(lifted, left, tares, drift)) <= enough
@@ -270,6 +272,7 @@ def _returned(books: Books, lifted: Weighed, left: Weighed, t_us: int, tares: Ta
     else:
         number, t_us = last.number, last.t_us
     mass, remains = corrected(lifted, drift), corrected(left, drift)
+    tares = tares._replace(scale_error=tares.reported_scale_error)
     sizes = None if books.probable is None else books.probable.expected
     booking = Booking(
         number,

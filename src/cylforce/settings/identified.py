@@ -48,6 +48,7 @@ def write_identified(
         friction=found.model.friction,
         scale=found.tares.scale,
         scale_standard_error=found.tares.scale_error,
+        common_scale_error=found.tares.common_error,
         parameters=_parameters(found),
         covariance=tuple(tuple(row) for row in found.tares.covariance.tolist()),
     )
@@ -92,7 +93,9 @@ def _write(path: Path, table: IdentifiedFile, reason: str) -> Seal:
     made = sealed(table.content, table.seal, _now(), reason, controller=controller_id())
     table = table.model_copy(update={"seal": made})
     with replacing(path) as temporary:
-        temporary.write_text(_COMMENT + tomlkit.dumps(table.model_dump(mode="json")), encoding="utf-8")
+        temporary.write_text(
+            _COMMENT + tomlkit.dumps(table.model_dump(mode="json", exclude_none=True)), encoding="utf-8"
+        )
     return made
 
 
@@ -125,7 +128,8 @@ def read_identified(path: Path, loaded: Loaded) -> Tares:
     names, values = tuple(p.name for p in file.parameters), np.array([p.value for p in file.parameters])
     left = np.array(file.unexplained_torque_n_m)
     differ = BetweenStrokes(file.friction_between_strokes, file.zero_between_strokes_pa)
-    rest = (file.scale, file.scale_standard_error, file.unexplained_correlation_s, differ)
+    scales = (file.scale, file.scale_standard_error)
+    rest = (*scales, file.unexplained_correlation_s, differ, file.common_scale_error or 0.0)
     return Tares(file.friction, names, values, np.array(file.covariance), left, True, *rest)
 
 

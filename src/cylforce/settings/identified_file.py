@@ -51,7 +51,9 @@ class IdentifiedAttachment(_Strict):
 
 
 class IdentifiedFile(_Strict):
-    """The whole file; `warnings`: sentences why these parameters should not be trusted, which every use repeats."""
+    """The whole file; `warnings`: sentences why these parameters should not be trusted, which every use repeats;
+    `common_scale_error`: what the data sheet's masses allow of a common scale of all pressures, relative; 0 after a
+    lift of a known weight, None in files that were written before there was such a key."""
 
     provenance: Provenance
     warnings: tuple[str, ...] = ()
@@ -62,6 +64,7 @@ class IdentifiedFile(_Strict):
     unexplained_correlation_s: Number = 0.0
     friction_between_strokes: Number = EXPECTED.friction
     zero_between_strokes_pa: Number = EXPECTED.zero
+    common_scale_error: Number | None = None
     parameters: tuple[IdentifiedParameter, ...]
     covariance: tuple[tuple[Number, ...], ...]
     attachments: tuple[IdentifiedAttachment, ...] = ()
@@ -69,6 +72,7 @@ class IdentifiedFile(_Strict):
 
     @property
     def content(self) -> dict[str, JsonValue]:
-        """What is sealed: everything but the seal."""
-        found: dict[str, JsonValue] = self.model_dump(mode="json", exclude={"seal"})
+        """What is sealed: everything but the seal, and keys that the file does not have."""
+        absent = {"common_scale_error"} if self.common_scale_error is None else set[str]()
+        found: dict[str, JsonValue] = self.model_dump(mode="json", exclude={"seal", *absent})
         return found

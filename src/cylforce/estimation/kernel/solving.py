@@ -59,7 +59,7 @@ def solver(
     parts += [*(np.zeros(each) for each in room), by_load(model, tares.values)]
     return kernel.KernelSolver(
         counts(sizes),
-        numbers([tares.scale, tares.scale_error, RELATIVE, *limits]),
+        numbers([tares.scale, tares.reported_scale_error, RELATIVE, *limits]),
         [
             counts(model.changing.tolist()),
             counts(places.ravel().tolist()),

@@ -100,10 +100,10 @@ def next_steps(
     if covered < ENOUGH:
         steps.append(Advised("To be sure in every posture, record also:", gaps[:MOST]))
     if not found.knows_scale:
-        error = 100.0 * found.tares.scale_error
+        error = 100.0 * found.tares.reported_scale_error
         steps.append(
             Advised(
-                "Measure the pins (pins_m), or lift a known weight once (--lift, --known-kg): the scale is still the "
+                "Lift a known weight once (--lift, --known-kg), and measure the pins (pins_m): the scale is still the "
                 f"data sheet's, +- {error:.1f} % of every weight."
             )
         )

@@ -46,8 +46,12 @@ def _median(expected: Expected) -> str:
 def _scale(found: Identification) -> str:
     tares = found.tares
     if not found.knows_scale:
-        error = f"± {100.0 * tares.scale_error:.1f} %"
-        return f"It contains the error of the data sheet's scale (bores, pins), {error}: no known weight was lifted."
+        error, all_alike = (f"± {100.0 * e:.1f} %" for e in (tares.scale_error, tares.common_error))
+        return (
+            f"It contains the error of the data sheet's scale (bores, pins), {error}: no known weight was lifted. "
+            f"Reported weights contain also what the data sheet's masses allow of a common scale of all pressures, "
+            f"{all_alike}."
+        )
     return f"It contains the error of the scale from a known weight, {tares.scale:.4f} ± {tares.scale_error:.4f}."
 
 

@@ -1,0 +1,111 @@
+"""The common scale of all measured forces, as the data sheet's masses show it.
+
+Pressures that are all too small by one factor (another range, psi for bar, a decimal digit) make every identified first
+moment, every friction and every load too small by that factor, and nothing else. Without a known weight only the
+masses of the data sheet show it, as well as their tolerances allow."""
+
+from math import hypot, log
+from typing import NamedTuple
+
+import numpy as np
+
+from cylforce.commissioning.emptiness import HEAVY, with_more
+from cylforce.estimation.batch import Fit, least_squares
+from cylforce.estimation.blocks import Factors, beside
+from cylforce.estimation.model import ABSOLUTE, Model
+from cylforce.estimation.priors.prior import Prior
+from cylforce.mechanics.machine import base_parameter_spread
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+UNKNOWN = 1000.0  # prior standard error of the scale: as good as nothing is known
+UNIFORM = 3.0**0.5  # a tolerance over its standard error: it is the half-width of a uniform distribution (GUM 4.3.7)
+FORCES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)  # what has the common scale
+CHECKED = "unit (bar, psi, MPa), range and decimal digits (CiA 404: 6132h) of all pressure sensors"
+# Measured over true pressure when a unit or a decimal digit is mistaken: 1 bar is 14.504 psi.
+MISTAKES = (
+    (0.01, "two decimal digits"),
+    (0.1, "one decimal digit, or MPa for bar"),
+    (1.0 / 14.504, "bar for psi"),
+    (10.0, "one decimal digit, or bar for MPa"),
+    (14.504, "psi for bar"),
+    (100.0, "two decimal digits"),
+)
+
+
+class CommonScale(NamedTuple):
+    """Measured forces over those that the data sheet's masses need.
+
+    factor:         the estimate, 1 where the identified masses are those of the data sheet
+    standard_error: of the factor, from the data sheet's tolerances and the recording
+    limit:          largest |factor - 1| that the tolerances allow
+    """
+
+    factor: float
+    standard_error: float
+    limit: float
+
+    @property
+    def error(self) -> float:
+        """Relative rms error of a weight that is reported without correction for the factor.
+
+        The true weight is 1/factor times the reported one, with standard error standard_error/factor."""
+        return hypot(1.0 / self.factor - 1.0, self.standard_error / self.factor)
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the data sheet excludes the factor 1."""
+        return abs(self.factor - 1.0) > self.limit
+
+    @property
+    def words(self) -> str:
+        """The factor, what a mistake of its size comes from, and what to check."""
+        known = f" ({self._mistake})" if self._mistake else ""
+        return f"{_rounded(self.factor)} times as large as the data sheet's masses need{known}: check {CHECKED}"
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, and what to do."""
+        right = "if these are right, correct masses and tolerances in the machine file"
+        return f"all pressures are about {self.words}; {right}"
+
+    @property
+    def _mistake(self) -> str:
+        """The mistake whose factor is within HEAVY standard errors of this one and nearest to it."""
+        if self.factor <= 0.0:
+            return ""
+        away = {words: abs(log(self.factor / factor)) for factor, words in MISTAKES}
+        nearest = min(away, key=lambda words: away[words])
+        return nearest if away[nearest] < HEAVY * self.standard_error / min(self.factor, 1.0) else ""
+
+
+def common_scale(model: Model, data: Factors, noise: Array) -> CommonScale:
+    """The scale s of the rows torque = W (Phi + (s - 1) Phi_sheet), of which Phi has the data sheet as prior and s is
+    not known before. `data`: factors of the empty machine; `noise` (R,): standard error of each measured torque."""
+    scaled = model.prior.mean.copy()
+    scaled[[p.name.endswith(ABSOLUTE) for p in model.parameters]] = 0.0  # a share of the force, a time: without scale
+    columns = np.broadcast_to(scaled[:, None], (data.samples.shape[1], len(scaled), 1))
+    prior = with_more(model.prior, np.array([UNKNOWN]))
+    fit = least_squares(beside(data, columns), noise, prior)
+    error = float(np.sqrt(fit.covariance[-1, -1]))
+    return CommonScale(1.0 + float(fit.values[-1]), error, max(HEAVY * error, _all_the_same_way(model, fit, prior)))
+
+
+def _all_the_same_way(model: Model, fit: Fit, prior: Prior) -> float:
+    """By how much the scale seems off when all figures of the data sheet's links are off by their whole tolerances, in
+    the direction that changes it most. With A the rows and C the prior's covariance, the estimate changes with the
+    prior's mean by (A'A + C^-1)^-1 C^-1."""
+    spread = base_parameter_spread(model.machine.links)
+    change = fit.covariance[-1] @ np.linalg.inv(prior.covariance)
+    return float(UNIFORM * np.sum(np.abs(change[: len(spread)] @ spread)))
+
+
+def rescaled(model: Model, values: Array, factor: float) -> Array:
+    """Samples (T, S) with all measured forces divided by `factor`."""
+    changed = values.copy()
+    changed[:, [s.kind in FORCES for s in model.machine.signals]] /= factor
+    return changed
+
+
+def _rounded(factor: float) -> str:
+    return f"{factor:.2g}" if factor < 1.0 else f"{factor:.2f}"
