@@ -35,6 +35,9 @@ FASTEST = {
     Kind.ROLL: 3.0,
 }
 
+# Angles of joints: they may be read beyond the range, a turn away. A chassis' tilt beyond its range is a fault.
+TURNED = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
+
 
 class FrameOrder(NamedTuple):
     """Frames in an order of identifiers: what the kernel takes of each, PDO and 0; sizes of the data; layout of all."""
@@ -98,7 +101,8 @@ class Assembler:
         senders = [watcher.periods_us, watcher.patience_us]
         late = [1e6 * LATE_PERIODS * s.period_s for s in machine.signals]
         turns = [TURN if s.kind in ANGLES else 0.0 for s in machine.signals]
-        parts = [*fields, missing, *senders, *zip(*self._plausible, strict=True), late, turns, limits]
+        around = [TURN if machine.signals[s.signal].kind in TURNED else 0.0 for s in slots]
+        parts = [*fields, missing, *senders, *zip(*self._plausible, strict=True), late, turns, around, limits]
         return self._kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
 
     @once

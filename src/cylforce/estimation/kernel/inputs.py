@@ -11,6 +11,7 @@ somebody else with our identifiers [us]. `service.senders.inputs` gives them nam
 from math import floor
 from typing import Any
 
+from cylforce.estimation.kernel.plan import in_range, short_way
 from cylforce.estimation.kernel.restricted import (
     Count,
     Counts,
@@ -49,8 +50,8 @@ class KernelInputs:
     """S signals in P PDOs. PDO i has `items`[i], and the slots `first`[i] up to `first`[i + 1]: signal and item; scale,
     offset, range [SI], and what means "no value" (NaN: nothing does); the PDO's node, shortest period and patience
     [us]. Of each signal the fastest change [SI/s], period [s], noise [SI], age from which on it is late [us], whether
-    equal values mean that it is frozen; `turn`: after how much its values repeat [SI], 0: never. `hold`, `quiet` [us];
-    `frozen`, `needed`: numbers of values."""
+    equal values mean that it is frozen; `turn`: after how much its values repeat [SI], 0: never; `around` of a slot:
+    the same, 0 but for joints. `hold`, `quiet` [us]; `frozen`, `needed`: numbers of values."""
 
     s: Count
     p: Count
@@ -72,6 +73,7 @@ class KernelInputs:
     noise: Numbers
     late: Numbers
     turn: Numbers
+    around: Numbers
     hold: Number
     quiet: Number
     frozen: Number
@@ -88,8 +90,8 @@ class KernelInputs:
         self.low, self.high, self.missing = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
         self.period, self.patience = as_numbers(numbers[5]), as_numbers(numbers[6])
         self.fastest, self.seconds, self.noise = as_numbers(numbers[7]), as_numbers(numbers[8]), as_numbers(numbers[9])
-        self.late, self.turn = as_numbers(numbers[10]), as_numbers(numbers[11])
-        self.hold, self.quiet, self.frozen, self.needed = (numbers[12][i] for i in range(4))
+        self.late, self.turn, self.around = as_numbers(numbers[10]), as_numbers(numbers[11]), as_numbers(numbers[12])
+        self.hold, self.quiet, self.frozen, self.needed = (numbers[13][i] for i in range(4))
 
 
 def receive(
@@ -166,7 +168,8 @@ def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
 def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Number, moving: Number) -> None:
     """A signal with one value more."""
     k = p.signal[slot]
-    o, value = SIGNAL * k, in_range(p, slot, raw * p.scale[slot] + p.offset[slot])
+    o, read = SIGNAL * k, raw * p.scale[slot] + p.offset[slot]
+    value = in_range(read, p.low[slot], p.high[slot], p.around[slot])
     seen, by = state[o + 2], leap(p, state, t_us, k, value)
     state[o + 10] = measured_after(p, state, t_us, k)
     if raw == p.missing[slot] or not abs(value) <= LARGEST:
@@ -192,17 +195,6 @@ def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Numbe
 
 
 @inner
-def in_range(p: KernelInputs, slot: Count, value: Number) -> Number:
-    """The value, of an angle with whole turns added where they lead into its range: wherever the circle of the sensor
-    ends, the direction is one that is possible."""
-    turn = p.turn[p.signal[slot]]
-    if turn > 0.0 and abs(value) <= LARGEST and not p.low[slot] <= value <= p.high[slot]:
-        other = value - turn * floor((value - p.low[slot]) / turn)
-        return other if other <= p.high[slot] else value
-    return value
-
-
-@inner
 def measured_after(p: KernelInputs, state: Numbers, t_us: Number, k: Count) -> Number:
     """Time [us] after which a value was measured that is received now, however long it then waited for the bus: when
     the value before was received; but values that follow each other in less than half a period have waited, and were
@@ -223,23 +215,13 @@ def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number)
         return 0.0
     o = SIGNAL * k
     if state[o + 6] != 0.0:
-        by = step(p, k, value - state[o + 8])
+        by = short_way(value - state[o + 8], p.turn[k])
         jump = state[o + 7] + (by if abs(by) > room_since(p, state, t_us, k, state[o + 2]) else 0.0)
         return jump if abs(jump) > room_for(p, k, 0.0) else 0.0
     proving = t_us - state[o + 1] > p.hold and state[o + 4] > 0.0
-    by = step(p, k, value - state[o])
+    by = short_way(value - state[o], p.turn[k])
     since = state[o + 2] if proving else state[o + 1]
     return by if abs(by) > room_since(p, state, t_us, k, since) else 0.0
-
-
-@inner
-def step(p: KernelInputs, k: Count, by: Number) -> Number:
-    """By how much a signal changed where its reading changed `by` so much: the sensor of an angle that passes the end
-    of its circle goes on at the other end, which is a turn less."""
-    turn = p.turn[k]
-    if turn > 0.0 and 0.5 * turn < abs(by) <= LARGEST:
-        return by - turn * floor(by / turn + 0.5)
-    return by
 
 
 @inner

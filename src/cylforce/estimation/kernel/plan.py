@@ -2,6 +2,7 @@
 come the channels (`estimation.channels.Channels.read`, of one sample); `making.py` makes it."""
 
 from collections.abc import Sequence
+from math import floor
 from typing import Any
 
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, inner, record
@@ -173,3 +174,24 @@ def force(p: KernelSensors, values: Numbers, c: Count) -> Number:
         return 0.0
     back = values[rod] if rod >= 0 else p.areas[3 * c + 2]
     return values[head] * p.areas[3 * c] - back * p.areas[3 * c + 1]
+
+
+@inner
+def in_range(value: Number, low: Number, high: Number, turn: Number) -> Number:
+    """The value of a signal that repeats after a `turn` (0: never), with one turn more or less where that leads into
+    its range: wherever the circle of its sensor ends, the direction is one that is possible. More than one turn no
+    sensor of a circle is off."""
+    if turn <= 0.0 or low <= value <= high:
+        return value
+    other = value - turn if value > high else value + turn
+    return other if low <= other <= high else value
+
+
+@inner
+def short_way(by: Number, turn: Number) -> Number:
+    """By how much a signal that repeats after a `turn` (0: never) changed where its reading changed `by` so much: a
+    sensor that passes the end of its circle goes on at the other end, which is a turn less."""
+    finite = by - by == 0.0
+    if turn <= 0.0 or not finite or abs(by) <= 0.5 * turn:
+        return by
+    return by - turn * floor(by / turn + 0.5)
