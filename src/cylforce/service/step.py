@@ -12,7 +12,8 @@ from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle, advanced
 from cylforce.service.loading.truck import loaded, refined
 from cylforce.service.pipeline import Unexplained
-from cylforce.service.plausibility.monitor import Samples, Watch
+from cylforce.service.plausibility.monitor import Watch
+from cylforce.service.plausibility.samples import Samples
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.service.plausibility.unnoticed import Unnoticed
 from cylforce.service.publication import GROSS

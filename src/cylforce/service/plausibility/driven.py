@@ -32,14 +32,14 @@ class Driven(NamedTuple):
     """State: the `path` [m] over which the tool was driven, and the torque left of each joint, integrated along it:
     `strain` (R,) [N m m]; whether it was driven at the last sample (`drives`), and the path [m] of one `alone`.
 
-    first:    the direction of motion x + i z in which it was driven first; 0: in none
+    first:    the direction of motion (x, z) in which it was driven first; zeros: in none
     opposite: m of the path in directions opposite to it"""
 
     path: float
     strain: Array
     drives: bool = False
     alone: float = 0.0
-    first: complex = 0j
+    first: tuple[float, float] = (0.0, 0.0)
     opposite: float = 0.0
 
     @property
@@ -92,8 +92,9 @@ class Driving:
         if not state.drives:
             return state._replace(drives=True, alone=way)
         way += state.alone
-        first, strain = state.first or along, state.strain + way * np.abs(torque)
-        back = way if (along * first.conjugate()).real < 0.0 else 0.0
+        first, strain = state.first, state.strain + way * np.abs(torque)
+        first = first if any(first) else (along.real, along.imag)
+        back = way if along.real * first[0] + along.imag * first[1] < 0.0 else 0.0
         return Driven(state.path + way, strain, drives=True, first=first, opposite=state.opposite + back)
 
     def _pushes(self, force: Force, along: complex) -> bool:

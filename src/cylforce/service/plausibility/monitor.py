@@ -17,9 +17,7 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.adaptation import Drift
-from cylforce.service.contact.interaction import Forces
 from cylforce.service.loading.lift import Lift
-from cylforce.service.pipeline import Instant, Pipe
 from cylforce.service.plausibility.blocks import BAR, EVERY, Block, Gatherer, Gathering, explained
 from cylforce.service.plausibility.changing import NONE, Changes, Watching
 from cylforce.service.plausibility.driven import Driven, Driving
@@ -28,6 +26,7 @@ from cylforce.service.plausibility.offsets import HARMLESS, NO_OFFSET, VOTES, Of
 from cylforce.service.plausibility.placed import impossible
 from cylforce.service.plausibility.returning import Returning
 from cylforce.service.plausibility.reversing import Reversing, Turns
+from cylforce.service.plausibility.samples import Samples
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.plausibility.sweeping import Sweeping, Swept
 from cylforce.service.plausibility.unnoticed import Noticing, Unnoticed
@@ -68,26 +67,6 @@ class Watch(NamedTuple):
         would be wrong; the force would be, too. Or whether it will be known soon."""
         seen_soon = self.wrong_since != NEVER or (self.suspicion is not NOTHING_SUSPECTED and self.suspicion.waits)
         return self.offset.unsure or seen_soon
-
-
-class Samples(NamedTuple):
-    """What one step shows: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,) [N m],
-    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there.
-
-    weighed: whether a load is weighed now, whose force that of the soil does not contain
-    came:    (S,) times [us] of the frames of all signals"""
-
-    values: Numbers
-    pipe: Pipe
-    instant: Instant
-    left: Numbers
-    forces: Forces
-    drift: Drift
-    gross: Quantity
-    lift: Lift
-    leapt: tuple[int, ...] = ()
-    weighed: bool = False
-    came: Numbers = NONE
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ LARGEST_BARS = 400.0  # beyond the range of any such sensor
 
 class Offset(NamedTuple):
     """The signal (its number in the gatherer) that is most likely off, by `size` [bar, rad], and the `evidence` for it:
-    twice the log likelihood ratio, as counted by votes; whether that is so much that nothing is certain any more.
+    twice the log likelihood ratio, as counted by votes; whether that is so much that nothing is certain any more, be
+    friction another one in each block.
 
     confirmed: whether blocks in which a cylinder extends and blocks in which it retracts speak for it, each by
                themselves, of every cylinder. Friction, which turns round with the motion, speaks for it one way"""
@@ -96,14 +97,19 @@ class Voting:
         as_is = np.minimum(cost(blocks, 0.0, rated), cost(blocks, np.clip(x, -harmless, harmless), rated))
         most = self.limits[Level.REJECTED] / VOTES
         votes = np.clip((as_is - cost(blocks, x, rated)) / self._scatter(blocks), -most, most)
-        signal, k, evidence = self._likeliest(blocks, sizes, votes, harmless)
-        confirmed = evidence > UNSURE and self._both_ways(blocks, votes[k, :, signal])
-        return Offset(signal, float(sizes[k, signal]), evidence, evidence > UNSURE or evidence >= most, confirmed)
-
-    def _likeliest(self, blocks: Block, sizes: Array, votes: Array, harmless: Array) -> tuple[int, int, float]:
-        """Return the signal and the block whose size, of `sizes` (B, H), has most evidence, and that evidence, from
-        `votes` (B, B, H) of each block for the size that each block would choose."""
         since = votes[:, ::-1].cumsum(axis=1).max(axis=1)  # (B, H)
+        unsure = bool(since.max() > UNSURE or since.max() >= most)
+        signal, k, evidence = self._likeliest(blocks, sizes, votes, since, harmless)
+        confirmed = evidence > UNSURE and self._both_ways(blocks, votes[k, :, signal])
+        return Offset(signal, float(sizes[k, signal]), evidence, unsure, confirmed)
+
+    def _likeliest(
+        self, blocks: Block, sizes: Array, votes: Array, since: Array, harmless: Array
+    ) -> tuple[int, int, float]:
+        """Return the signal and the block whose size, of `sizes` (B, H), has most evidence, and that evidence.
+
+        votes: (B, B, H) of each block for the size that each block would choose
+        since: (B, H) their sum from the moment on that speaks most for it"""
         chosen = since.argmax(axis=0)
         found = [float(since[k, h]) for h, k in enumerate(chosen.tolist())]
         if blocks.rows.size:
