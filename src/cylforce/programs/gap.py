@@ -102,7 +102,8 @@ def diagnose(
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
     aside = left_aside(loaded.service.machine, everything.aside_s, everything.asked.incident)
-    here = slow, aside, "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
+    moved = "" if clean or "identify_first" in whole else shifted(whole, verdict)
+    here = slow, aside, moved, apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole | sensors)
 
