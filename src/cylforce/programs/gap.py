@@ -15,6 +15,7 @@ from cylforce.diagnosis.columns.floor import fitted_tares
 from cylforce.diagnosis.columns.problem import Identified
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.idle import idle
 from cylforce.diagnosis.inference.search import examined
 from cylforce.diagnosis.numbers import GAP
@@ -108,22 +109,49 @@ def _diagnosed(
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
-    spots = where(found.original, (plain := gap(found, (), rng)), rng)
-    found, verdict, size, refuted = insisted(everything, tried(found, verdict, rng), plain, spots, rng)
-    found, verdict, size = located(found, verdict, size, plain, spots)
-    refit = None if only else parameters_first(everything, found, verdict, size, (faulty, ALWAYS))
-    if refit and clean:
-        found, verdict, size, refuted = unnamed(found), Judged(Verdict.NOT_OBSERVABLE, (), 0.0), plain, ""
-    whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
-    whole |= identify_first(refit, sheet=not clean) if refit else {}
+    found, verdict, size, refuted, whole = _concluded(everything, found, verdict, None if only else faulty, rng)
     watch("what to record next", None)
     whole["next_experiment"] = [*_first_of_all(whole), *said(planned(everything, found)), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
     aside = left_aside(loaded.service.machine, everything.aside_s, everything.asked.incident)
-    here = slow, aside, "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
+    moved = "" if clean or "identify_first" in whole else shifted(whole, verdict)
+    here = slow, aside, moved, apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole | sensors)
+
+
+class _Concluded(NamedTuple):
+    """What is concluded once the gap is located and what is named has been simulated.
+
+    search, verdict, size: as the answer has them
+    refuted:               why a cause is not named, in a sentence, or empty
+    answer:                the answer so far, as JSON has it
+    """
+
+    search: Search
+    verdict: Judged
+    size: Gap
+    refuted: str
+    answer: dict[str, Any]
+
+
+def _concluded(
+    everything: Found, search: Search, verdict: Judged, faulty: Sequence[Recorded] | None, rng: np.random.Generator
+) -> _Concluded:
+    """Return the conclusion; `faulty`: recordings to which the model's parameters may be fitted, None if one effect was
+    asked for."""
+    spots = where(search.original, (plain := gap(search, (), rng)), rng)
+    search, verdict, size, refuted = insisted(everything, tried(search, verdict, rng), plain, spots, rng)
+    search, verdict, size = located(search, verdict, size, plain, spots)
+    refit = None if faulty is None else parameters_first(everything, search, verdict, size, (faulty, ALWAYS))
+    sheet = search.original.from_sheet
+    if refit and not sheet:
+        search, verdict, size = unnamed(search), Judged(Verdict.NOT_OBSERVABLE, (), 0.0), plain
+    whole = answer(search, verdict, size, spots, unexplained(search.original, size.left, size.floor))
+    whole |= identify_first(refit, sheet=sheet) if refit else {}
+    # What an effect would do to a model with wrong parameters says nothing of that effect.
+    return _Concluded(search, verdict, size, "" if refit else refuted, whole)
 
 
 def _first_of_all(whole: dict[str, Any]) -> list[str]:

@@ -13,13 +13,16 @@ from cylforce.diagnosis.columns.problem import Seen
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
 from cylforce.diagnosis.inference.found import Found
+from cylforce.diagnosis.inference.posterior import Key
 from cylforce.diagnosis.inference.residuals import rms
-from cylforce.diagnosis.numbers import HALF, IN_ORDER, ODD
+from cylforce.diagnosis.numbers import HALF, IDENTIFIED, IN_ORDER, ODD
 from cylforce.estimation.model import Model
 from cylforce.signals.estimate import Array
 
+COMBINED = ("extra_mass", "friction_level_change")  # effects that change several parameters at once
 
-class Change(NamedTuple):
+
+class ParameterChange(NamedTuple):
     """A parameter of the model: value before and after the fit [`unit`], and the torque that the change makes along the
     recordings [N m, rms over all joints]."""
 
@@ -42,7 +45,7 @@ class Refit(NamedTuple):
     before: Array
     after: Array
     share: float
-    changes: tuple[Change, ...]
+    changes: tuple[ParameterChange, ...]
 
 
 def of_a_data_sheet(sheet: Viewer, friction: Sequence[str], faulty: Sequence[Recorded], size: Gap) -> Refit:
@@ -68,11 +71,13 @@ def of_references(found: Found, faulty: Sequence[Seen], size: Gap) -> Refit:
     return Refit(size.fixed, size.refit, _share(size.fixed, size.refit, size.floor), changes)
 
 
-def is_likelier(found: Found, refit: Refit) -> bool:
+def is_likelier(found: Found, refit: Refit, *, named: bool) -> bool:
     """Return whether other parameters than the references' are the likeliest explanation, and remove most of the gap.
 
     They compete as one more name with all hypotheses. Their prior is the data sheet's, so that many free parameters
-    cost evidence: one effect that does the same is likelier.
+    cost evidence: one effect that does the same is likelier. Several effects that are parameters themselves say that
+    the parameters differ; they compete only where they stood the simulation.
+    named: whether effects are named
     """
     told, case = found.asked, found.case
     if refit.share <= HALF or found.working:
@@ -82,9 +87,15 @@ def is_likelier(found: Found, refit: Refit) -> bool:
     anew = replace(case, covariance=case.covariance + np.diag(free)).likeliest((), case.usual)
     names = {form.name for form in told.forms}
     prior = float(np.log((1.0 - IN_ORDER - ODD) / len(names)))
-    others = [told.counts * (h.log - told.none.log) + told.prior_of(h) for h in told.hypotheses]
+    rivals = [h for h in told.hypotheses if named or len(h.which) < 2 or not _parameters({*told.keys(h)})]
+    others = [told.counts * (h.log - told.none.log) + told.prior_of(h) for h in rivals]
     others += [told.counts * (h.log - told.none.log) + told.prior_at_moments(h) for h in told.happened]
     return told.counts * (anew.log - told.none.log) + prior > max(others)
+
+
+def _parameters(keys: set[Key]) -> bool:
+    """Return whether all of these effects change nothing but parameters of the model."""
+    return {name for name, _ in keys} <= {*IDENTIFIED, *COMBINED}
 
 
 def _share(before: Array, after: Array, floor: Array) -> float:
@@ -94,10 +105,10 @@ def _share(before: Array, after: Array, floor: Array) -> float:
     return min(1.0 - left / excess, 1.0) if excess > 0.0 else 0.0
 
 
-def _changes(model: Model, before: Array, after: Array, base: Sequence[Array]) -> tuple[Change, ...]:
+def _changes(model: Model, before: Array, after: Array, base: Sequence[Array]) -> tuple[ParameterChange, ...]:
     """Return all parameters, the one whose change makes most torque first; base: their columns (T, R, P)."""
     columns = np.concatenate([each[..., : len(before)] for each in base])
     torque = np.sqrt(np.nanmean(np.nansum((columns * (after - before)) ** 2, axis=1), axis=0))
     each = zip(model.parameters, before.tolist(), after.tolist(), torque.tolist(), strict=True)
-    changes = [Change(p.name, p.unit, old, new, moved) for p, old, new, moved in each]
+    changes = [ParameterChange(p.name, p.unit, old, new, moved) for p, old, new, moved in each]
     return tuple(sorted(changes, key=lambda change: -change.torque))

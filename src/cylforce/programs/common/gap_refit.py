@@ -39,7 +39,7 @@ def parameters_first(
     if not search.original.clean or judged.verdict is Verdict.NO_GAP:
         return None
     refit = of_references(everything, search.original.faulty, size)
-    return refit if is_likelier(everything, refit) else None
+    return refit if is_likelier(everything, refit, named=bool(judged.named)) else None
 
 
 def identify_first(refit: Refit, *, sheet: bool) -> dict[str, Any]:

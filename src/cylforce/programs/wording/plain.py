@@ -101,8 +101,8 @@ HEADLINES = {
     ),
 }
 UNLIKE = (
-    "These recordings do not suffice: they differ from {normal}, but so may a machine in order that moves otherwise than "
-    "in {known}"
+    "These recordings do not suffice: they differ from {normal}, but so may a machine in order that moves otherwise "
+    "than in {known}"
 )
 REFERENCES = {"normal": "the references", "known": "its references"}
 IDENTIFIED = {"normal": "the identified model", "known": "the recordings of its identification"}
