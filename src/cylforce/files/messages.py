@@ -81,23 +81,23 @@ def _line(message: Message) -> Line:
 
 
 def _blf(path: Path, file: BinaryIO, tell: Tell) -> Iterator[Message]:
-    number = 0
+    number = objects = expected = 0
     try:
         reader = _CountedObjects(file)
         whole = reader.file_size == path.stat().st_size
         for message in reader:
             number += 1
             yield message
+        objects, expected = reader.number, reader.object_count
     except _BROKEN as error:
         if number == 0 or file.read(1):
             raise RecordingError(f"{path}: is broken after frame {number}: {_text(error)}") from error
         whole = False
     if not whole:
         tell(f"{path}: was not closed by its writer, or not copied whole; frames after number {number} may be missing")
-    elif reader.number < reader.object_count:
+    elif objects < expected:
         tell(
-            f"{path}: holds {reader.number} objects, its header says {reader.object_count}: frames are missing; copy "
-            "or export it again"
+            f"{path}: holds {objects} objects, its header says {expected}: frames are missing; copy or export it again"
         )
 
 

@@ -69,6 +69,7 @@ def diagnose(
 ) -> Diagnosed:
     """The diagnosis of recordings; `kept`: where references' rows are kept for the next one. Raises RecordingError or
     ValueError, in a sentence."""
+    check_recordings(question)
     told = list[str]()
     found = _diagnosed(loaded, question, library, watch, kept, told.append)
     warnings = [*told, *found.answer.get("warnings", ())]
@@ -79,7 +80,6 @@ def _diagnosed(
     loaded: Loaded, question: Question, library: tuple[Group, ...], watch: Watch, kept: RowCache | None, tell: Tell
 ) -> Diagnosed:
     """The same; `tell` is called with what was left out of the recordings."""
-    check_recordings(question)
     only = asked_only(library := reduced(library, question.without), question.only, loaded.service.machine)
     loaded, slow = at_own_rate(loaded, (*question.reference, *question.field))
     groups = (question.reference, question.field)
