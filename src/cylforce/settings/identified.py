@@ -162,11 +162,11 @@ def identified_warnings(path: Path) -> tuple[str, ...]:
     file = _read(path)
     if file.common_scale_error is not None or file.scale != UNSCALED:
         return file.warnings
-    return (
-        *file.warnings,
+    unknown = (
         "the scale of the pressures is not known: no known weight was lifted, and the reported errors do not contain "
-        "what the data sheet's masses allow; identify again",
+        "what the data sheet's masses allow; identify again"
     )
+    return (*file.warnings, unknown)
 
 
 def _read(path: Path) -> IdentifiedFile:
