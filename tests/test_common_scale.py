@@ -19,7 +19,7 @@ from cylforce.estimation.residual import residual
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.identify import without_known_weight
 from cylforce.service.weighing import Weigher
-from cylforce.settings.identified import read_identified, write_identified
+from cylforce.settings.identified import identified_warnings, read_identified, seal_again, write_identified
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
 from scenarios import EXCAVATOR, moved
@@ -128,8 +128,19 @@ def test_the_error_is_kept_in_the_file_and_files_without_it_are_read(tmp_path):
     path = tmp_path / "identified.toml"
     write_identified(path, healthy(), LOADED, [("moves.log", "0" * 64)])
     assert read_identified(path, LOADED).common_error == healthy().tares.common_error
+    assert identified_warnings(path) == ()
+
+
+def test_a_file_from_before_is_read_with_a_warning(tmp_path):
+    path = tmp_path / "identified.toml"
+    write_identified(path, healthy(), LOADED, [("moves.log", "0" * 64)])
     said = tomlkit.parse(path.read_text())
-    assert said["common_scale_error"] == healthy().tares.common_error
+    del said["common_scale_error"], said["seal"]["keys"]["common_scale_error"]
+    path.write_text(tomlkit.dumps(said))
+    seal_again(path, LOADED, "as it was written before")
+    assert read_identified(path, LOADED).common_error == 0.0
+    assert "common_scale_error" not in path.read_text()
+    assert identified_warnings(path)[0].startswith("the scale of the pressures is not known")
 
 
 def test_what_identify_prints_says_how_well_and_what_to_do():

@@ -82,7 +82,7 @@ def _guide(loaded: Loaded, order: Order) -> Guide:
 
 
 def unbooked(tares: Tares) -> str:
-    """What follows from the error of a scale without a known weight; nothing where a rated load is known well enough."""
+    """What follows from the scale's error without a known weight; nothing where a rated load is known well enough."""
     if tares.scale_error <= GOOD_ENOUGH:
         return _only_degraded(tares)
     return (

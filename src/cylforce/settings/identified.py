@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # the service reads what identification wrote, without identi
     from cylforce.commissioning.identification import Identification
 
 FORMAT = 2
+UNSCALED = 1.0  # scale without a lift of a known weight
 SOUND_SCALE = (0.8, 1.25)  # measured over true force: bores and pins as the data sheet says change it by less
 
 
@@ -156,8 +157,16 @@ def read_attachments(path: Path, loaded: Loaded) -> dict[str, Tares]:
 
 
 def identified_warnings(path: Path) -> tuple[str, ...]:
-    """The sentences that `cylforce identify` wrote into the file beside the parameters. Raises SettingsError."""
-    return _read(path).warnings
+    """The sentences that `cylforce identify` wrote into the file beside the parameters, and one about a file that was
+    written before the scale was estimated. Raises SettingsError."""
+    file = _read(path)
+    if file.common_scale_error is not None or file.scale != UNSCALED:
+        return file.warnings
+    unknown = (
+        "the scale of the pressures is not known: no known weight was lifted, and the reported errors do not contain "
+        "what the data sheet's masses allow; identify again"
+    )
+    return (*file.warnings, unknown)
 
 
 def _read(path: Path) -> IdentifiedFile:
