@@ -106,16 +106,26 @@ def _pdo(number: int, node_id: int, period_s: float, fields: tuple[Field, ...], 
 
 
 def timing(signal: str, filters: Filters, period_s: float) -> str:
-    """Bandwidth and delay of a published value: a signal waits half a step until it is measured and one step until it
-    is used, a value until the next publication."""
-    step = 1.0 / filters.rate_hz
-    wait = 1.5 * step + max(period_s - step, 0.0) / 2.0
+    """Bandwidth and delay of a published value."""
     if signal in (*FORCES, *SOIL):
-        late = wait + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))  # a Butterworth low-pass, slow signals
-        return f"-3 dB at {bandwidth_hz(filters.force_hz, period_s, step):.3g} Hz, delay {1e3 * late:.0f} ms"
+        band = bandwidth_hz(filters.force_hz, period_s, 1.0 / filters.rate_hz)
+        return f"-3 dB at {band:.3g} Hz, delay {1e3 * force_delay_s(filters, period_s):.0f} ms"
     if signal in (GROSS, NET):
         return "mean over the lift, shown 1.0 s after it began"
-    return f"no filter, delay {1e3 * wait:.0f} ms"
+    return f"no filter, delay {1e3 * _wait_s(filters, period_s):.0f} ms"
+
+
+def _wait_s(filters: Filters, period_s: float) -> float:
+    """A signal waits half a step until it is measured and one step until it is used, a value until the next
+    publication [s]."""
+    step = 1.0 / filters.rate_hz
+    return 1.5 * step + max(period_s - step, 0.0) / 2.0
+
+
+def force_delay_s(filters: Filters, period_s: float) -> float:
+    """Return the time [s] from a slow change of the true force to the bus: the Butterworth low-pass, and the waits."""
+    step = 1.0 / filters.rate_hz
+    return _wait_s(filters, period_s) + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))
 
 
 def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
