@@ -103,9 +103,9 @@ class Interactor:
         return new(Interaction, (unrest, carried, contact, recent)), forces
 
     def _forces(self, solved: Solved, carried: KnownLoad, touching: bool, late: tuple[float, float]) -> Forces:
-        """Both forces, wider by errors of signals and because they are late. The resultant is that of no contact while nothing touches the tool
-        or hangs in it. That of the soil is the resultant less the load; in the air with a load that is not known yet:
-        less the mass that explains most of it."""
+        """Both forces, wider by errors of signals and because they are `late` (x, z) [N]. The resultant is that of no
+        contact while nothing touches the tool or hangs in it. That of the soil is the resultant less the load; in the
+        air with a load that is not known yet: less the mass that explains most of it."""
         hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
         acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
         load = (carried.values, self._carrier.covariance(carried))
