@@ -5,7 +5,9 @@ from math import atan2, cos, hypot, pi, sin
 import numpy as np
 import pytest
 
+from cylforce.service.contact.events import clearness
 from cylforce.service.contact.lateness import NOT_BEGUN, Lateness
+from cylforce.service.contact.noise import Solved
 from cylforce.service.force import ForceSensor
 from cylforce.service.publication import force_delay_s
 from cylforce.service.step import Core
@@ -84,20 +86,30 @@ def test_a_force_that_is_late_by_much_is_uncertain_but_not_taken_for_a_pose_that
     assert (of_a_pose.x.status, of_a_pose.x.reason) == (Status.INVALID, Reason.SINGULAR)
 
 
-def test_contact_is_noticed_although_the_force_that_rises_is_late(core):
-    """The published error is a tenth of the force or more for the first 10 delays. Without contact there is no force
-    that could be late: so contact is noticed once the force exceeds 10 of the errors that it has at rest."""
+def test_contact_is_noticed_although_the_force_rises(core):
+    """50 kN/s: without its delay, the force is clear once it exceeds BEGINS. With that of its filter alone, 10 ms, it
+    is clear after some 8 of these; with all waits it would be after 8 times 30 ms."""
     found = pushed(core, lambda t: (50e3 * max(t, 0.0), 0.0), BEGINS + 0.5)
-    begun = [e.events[-1] for e in found if e.events and e.events[-1].kind is EventKind.CONTACT_BEGINS]
+    noticed = next(t for t, e in rows(found, -1.0, 0.5) if e.events)
     first = next(e for e in found if e.events)
-    assert begun
-    assert first.force.x.value < 10.0 * first.force.x.standard_error
+    assert first.events[-1].kind is EventKind.CONTACT_BEGINS
+    assert noticed < 8.0 * DELAY / 2.0
+    assert first.force.x.value < 8.0 * first.force.x.standard_error
+
+
+def test_a_force_that_still_changes_quickly_is_less_clear():
+    """6 kN with 0.5 kN of standard error are 12 of them; with 1 kN of change along it within its delay, 5.4. A change
+    across it does not matter."""
+    seen = Solved(6e3, -2e3, 0.5e3**2, 0.0, 0.5e3**2, 2e3, 144.0, NOT_BEGUN)
+    assert clearness(seen, (0.0, 0.0)) == pytest.approx(144.0)
+    assert clearness(seen, (1e3, 0.0)) == pytest.approx(36.0 / 1.25)
+    assert clearness(seen, (0.0, 1e3)) == pytest.approx(144.0)
 
 
 def test_before_the_first_force_none_is_late():
     """Half a step more than two steps of delay: the change over two steps, by a quarter more."""
     late, recent, found = Lateness(0.025, STEP), NOT_BEGUN, []
     for x, z in ((5.0, 1.0), (5.0, 1.0), (9.0, 1.0), (9.0, -3.0), (9.0, -3.0)):
-        recent, late_x, late_z = late.step(recent, x, z)
-        found += [late_x, late_z]
+        found += late.error(recent, x, z)
+        recent = late.keep(recent, x, z)
     assert found == pytest.approx([0.0, 0.0, 0.0, 0.0, 5.0, 0.0, 5.0, -5.0, 0.0, -5.0])

@@ -23,7 +23,7 @@ STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about nois
 
 class Interaction(NamedTuple):
     """State: errors, load in the bucket, contact; `recent`: the last resultants, from which it follows how late the
-    present one is (`lateness.Lateness.step`)."""
+    present one is (`lateness.Lateness`)."""
 
     unrest: Unrest
     carried: KnownLoad
@@ -60,8 +60,15 @@ class Interactor:
         return Carrier(self.model.machine)
 
     @once
-    def _lateness(self) -> Lateness:
-        return Lateness(self.delay_s, 1.0 / self.model.filters.rate_hz)
+    def _published(self) -> Lateness:
+        """Of the force on the bus: its filter, and all waits."""
+        return Lateness(self.delay_s, self.model.fast.dt)
+
+    @once
+    def _filtered(self) -> Lateness:
+        """Of the force against the torques of inertia and weight of the same instant: its filter alone, because all of
+        them wait alike."""
+        return Lateness(self.model.fast.delay, self.model.fast.dt)
 
     @once
     def _watcher(self) -> Watcher:
@@ -95,12 +102,13 @@ class Interactor:
             return state._replace(contact=contact, recent=NOT_BEGUN), Forces(nothing, nothing)
         carried = self._carried(state, *weighed)
         unrest, solved = self._noise.solve(state.unrest, instant, usable, carried.values, drift, unnoticed)
-        contact = self._watcher.step(state.contact, t_us, solved, instant.place, instant.velocity)
+        force = (state.recent, solved.x, solved.z)
+        late = self._filtered.error(*force)
+        contact = self._watcher.step(state.contact, t_us, solved, late, instant.place, instant.velocity)
         if carried.known and not contact.touching:
             unrest = self._noise.learn(unrest, solved, carried.values, self._moving(usable, instant))
-        recent, late_x, late_z = self._lateness.step(state.recent, solved.x, solved.z)
-        forces = self._forces(solved, carried, contact.touching, (late_x, late_z))
-        return new(Interaction, (unrest, carried, contact, recent)), forces
+        forces = self._forces(solved, carried, contact.touching, self._published.error(*force))
+        return new(Interaction, (unrest, carried, contact, self._published.keep(*force))), forces
 
     def _forces(self, solved: Solved, carried: KnownLoad, touching: bool, late: tuple[float, float]) -> Forces:
         """Both forces, wider by errors of signals and because they are `late` (x, z) [N]. The resultant is that of no

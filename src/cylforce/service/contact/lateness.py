@@ -1,4 +1,4 @@
-"""The error of the published force while it changes, because it is late."""
+"""The error of the force while it changes, because it is late."""
 
 from array import array
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ NOT_BEGUN: Numbers = array("d")  # before the first force, or after an interrupt
 
 @dataclass(frozen=True)
 class Lateness:
-    """The force on the bus is that of `delay_s` ago. Its error is the rate of change of the force times that delay.
+    """A force is that of `delay_s` ago. Its error is its rate of change times that delay.
 
-    delay_s: time [s] from the physical event to the bus (`publication.force_delay_s`)
+    delay_s: time [s] by which the force is late
     dt:      step [s]
     """
 
@@ -30,12 +30,13 @@ class Lateness:
         """Delay over the time in which the change is measured, 1 but for whole steps."""
         return self.delay_s / (self._steps * self.dt)
 
-    def step(self, recent: Numbers, x: float, z: float) -> tuple[Numbers, float, float]:
-        """Return the forces to be kept and the error (x, z) [N] of the force because it is late.
-
-        recent: x and z [N] of the steps before in turn, the newest last; NOT_BEGUN: none
-        x, z:   force [N] of this step
-        """
+    def error(self, recent: Numbers, x: float, z: float) -> tuple[float, float]:
+        """Return the error (x, z) [N] of the force `x`, `z` [N]; `recent`: those of the steps before (`keep`)."""
         kept = recent[-2 * self._steps :]
-        first_x, first_z = kept[:2] if kept else (x, z)
-        return kept + array("d", (x, z)), self._share * (x - first_x), self._share * (z - first_z)
+        if not kept:
+            return 0.0, 0.0
+        return self._share * (x - kept[0]), self._share * (z - kept[1])
+
+    def keep(self, recent: Numbers, x: float, z: float) -> Numbers:
+        """Return x and z [N] of the steps in turn that the next one needs, the newest last."""
+        return recent[-2 * self._steps :] + array("d", (x, z))

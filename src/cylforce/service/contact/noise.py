@@ -109,8 +109,7 @@ class Noise:
     ) -> tuple[Numbers, Numbers]:
         """What is published of the resultant, and of the force of the soil: less a load (4,) with covariance (4, 4) if
         one is in the bucket (`loaded`), else less the mass that explains most of it (`pushed.publish`). Both are wrong
-        by the force `late` (x, z) [N] in addition. The test for contact does not contain that error: without contact
-        there is no force that could be late."""
+        by the force `late` (x, z) [N] in addition."""
         late_x, late_z = late
         wider = solved.kept[:]
         wider[-3] += late_x * late_x
