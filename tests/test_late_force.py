@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from cylforce.service.contact.events import clearness
-from cylforce.service.contact.lateness import NOT_BEGUN, Lateness
+from cylforce.service.contact.lateness import NOT_BEGUN, Lateness, force_delay_s
 from cylforce.service.contact.noise import Solved
 from cylforce.service.force import ForceSensor
-from cylforce.service.publication import force_delay_s
 from cylforce.service.step import Core
 from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Reason, Status

@@ -9,10 +9,11 @@ from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.booking import NONE_MISSED, Books, Missed, unseen
 from cylforce.service.contact.interaction import Interactor
+from cylforce.service.contact.lateness import force_delay_s
 from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.plausibility.monitor import Monitor
-from cylforce.service.publication import MAGNITUDE, Encoders, force_delay_s
+from cylforce.service.publication import MAGNITUDE, Encoders
 from cylforce.service.recognition import Recognizer
 from cylforce.service.state import NOTHING_KEPT, Memory, State
 from cylforce.service.weighing import Weigher

@@ -1,12 +1,27 @@
-"""The error of the force while it changes, because it is late."""
+"""How late the force is, and its error therefore while it changes."""
 
 from array import array
 from dataclasses import dataclass
+from math import pi, sqrt, tan
 
 from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.mechanics.installation import Filters
 from cylforce.signals.quick import once
 
 NOT_BEGUN: Numbers = array("d")  # before the first force, or after an interruption
+
+
+def wait_s(filters: Filters, period_s: float) -> float:
+    """Return the time [s] that a value waits: a signal half a step until it is measured and one step until it is used,
+    the result until the next publication."""
+    step = 1.0 / filters.rate_hz
+    return 1.5 * step + max(period_s - step, 0.0) / 2.0
+
+
+def force_delay_s(filters: Filters, period_s: float) -> float:
+    """Return the time [s] from a slow change of the true force to the bus: the Butterworth low-pass, and the waits."""
+    step = 1.0 / filters.rate_hz
+    return wait_s(filters, period_s) + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))
 
 
 @dataclass(frozen=True)
