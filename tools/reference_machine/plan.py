@@ -73,11 +73,13 @@ def smooth(x: Array) -> Array:
 
 
 class Path:
-    """Cylinder lengths over time, stroke after stroke. `now` (C,) is where the last stroke ends."""
+    """Cylinder lengths over time, stroke after stroke. `now` (C,) is where the last stroke ends; `ramps` (C,): s in
+    which each cylinder is brought to speed."""
 
-    def __init__(self, start: Array) -> None:
+    def __init__(self, start: Array, ramps: tuple[float, ...] = RAMPS) -> None:
         self.parts: list[Array] = [start[None]]
         self.now = start.copy()
+        self.ramps = ramps
 
     @property
     def rows(self) -> int:
@@ -103,10 +105,10 @@ class Path:
         """What `go` would add (rows, C)."""
         count = len(self.now)
         speeds, late = np.broadcast_to(speed, count), np.zeros(count) if delay is None else delay
-        times = [duration(float(target[k] - self.now[k]), float(speeds[k]), RAMPS[k]) for k in range(count)]
+        times = [duration(float(target[k] - self.now[k]), float(speeds[k]), self.ramps[k]) for k in range(count)]
         t = np.arange(1, round(max(x + float(d) for x, d in zip(times, late, strict=True)) * RATE) + 2) / RATE
         columns = [
-            self.now[k] + (target[k] - self.now[k]) * stroke(t - late[k], times[k], RAMPS[k])
+            self.now[k] + (target[k] - self.now[k]) * stroke(t - late[k], times[k], self.ramps[k])
             if times[k]
             else np.full_like(t, self.now[k])
             for k in range(count)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .cycle import STEADY, Manner, cycles_plan
 from .oil import warming
-from .plan import HOLD, RATE, Path, Plan, empty, smooth
+from .plan import HOLD, RAMPS, RATE, Path, Plan, empty, smooth
 from .shift import shift
 from .site import ZERO, Site
 from .soil import firm
@@ -77,12 +77,19 @@ def _touch_down(site: Site, path: Path) -> None:
 
 
 def commissioning(
-    site: Site, duration_s: float = 300.0, *, payload_kg: float = 0.0, touching: bool = False, slew: bool = False
+    site: Site,
+    duration_s: float = 300.0,
+    *,
+    payload_kg: float = 0.0,
+    touching: bool = False,
+    slew: bool = False,
+    ramp_s: float | None = None,
 ) -> list[Plan]:
     """Empty moves of an operator: joints alone, both ways, at several speeds, then all at once. `payload_kg` and
-    `touching` are what a commissioning must refuse."""
+    `touching` are what a commissioning must refuse. `ramp_s`: time in which every cylinder is brought to speed and
+    stopped, shorter than RAMPS for sharp starts."""
     site.haste = 1.0 / (1.0 + payload_kg / site.geometry.specimen.sheet.rated_payload)
-    path = Path(site.posture())
+    path = Path(site.posture(), RAMPS if ramp_s is None else (ramp_s,) * 3)
     path.rest(1.0)
     if touching:
         while path.seconds < duration_s:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -27,6 +27,7 @@ REFERENCES = ("reference_static", "reference_moving")
 # s from the tick that a table's replay has at the time of its samples to the bytes on the bus: live, sensors are read
 # one step before they are used, and a PDO waits 5 ms on average
 SENT_S = 0.015
+SHARP_RAMP_S = 0.1  # s in which a cylinder is brought to speed by a lever thrown over, three spool lags; chosen
 TOUCHING = ("press", "drag", "soil", "buried", "air")
 FOREIGN_KINDS = {"contact_press": "press", "contact_drag": "drag", "contact_soil": "soil", "contact_buried": "buried"}
 
@@ -150,9 +151,15 @@ def foreign_truth(path: Path) -> dict[str, Array]:
 
 
 def reference_runs(machines: range, kinds: tuple[str, ...]) -> Iterator[Run]:
-    """Reference machines: `tip_load` (known forces in all directions), `digging` and five minutes of empty motion
-    (`air`)."""
-    scenarios = {"tip_load": "tip_load", "digging": "cycles", "air": "commissioning"}
+    """Reference machines: `tip_load` (known forces in all directions), `digging`, five minutes of empty motion (`air`),
+    and four whose strokes begin and end sharply (`sharp`)."""
+    sharp: dict[str, Any] = {"duration_s": 240.0, "ramp_s": SHARP_RAMP_S}
+    scenarios: dict[str, tuple[str, dict[str, Any]]] = {
+        "tip_load": ("tip_load", {}),
+        "digging": ("cycles", {}),
+        "air": ("commissioning", {}),
+        "sharp": ("commissioning", sharp),
+    }
     for seed in machines:
         machine = draw(seed, friction="foreign" if seed % 2 else "own")
         with TemporaryDirectory() as folder:
@@ -160,7 +167,8 @@ def reference_runs(machines: range, kinds: tuple[str, ...]) -> Iterator[Run]:
             loaded = load(Path(folder) / "machine.toml")
             core = Core(loaded.service, identify(model_of(loaded), recorded_segments(loaded, path)).tares)
             for number, kind in enumerate(kinds, 1):
-                recording = machine.run(scenarios[kind], seed=number, name=kind)
+                scenario, options = scenarios[kind]
+                recording = machine.run(scenario, seed=number, name=kind, **options)
                 found = replay_through(core, loaded, recording.write(Path(folder)), quiet)
                 yield run_of(machine.name, kind, core, found.estimates, reference_truth(recording.t_s, recording.truth))
 

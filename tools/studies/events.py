@@ -81,21 +81,31 @@ def false_alarms(run: Run) -> list[float]:
     return run.times(EventKind.CONTACT_BEGINS, EventKind.STIFF_OBJECT)
 
 
+def hours(runs: Sequence[Run]) -> float:
+    """How long recordings are together [h]."""
+    return sum(float(r.t_s[-1] - r.t_s[0]) for r in runs) / 3600.0
+
+
+def false_per_hour(runs: Sequence[Run]) -> float | None:
+    """False alarms in an hour of such recordings; None of nothing."""
+    return sum(len(false_alarms(r)) for r in runs) / hours(runs) if runs else None
+
+
 def figures(runs: Sequence[Run]) -> dict[str, Any]:
     """All figures."""
-    touching, air = [r for r in runs if r.kind != "air"], [r for r in runs if r.kind == "air"]
+    air, sharp = ([r for r in runs if r.kind == kind] for kind in ("air", "sharp"))
+    touching = [r for r in runs if r.kind not in ("air", "sharp")]
     delays = [delay for run in touching for delay in contact_delays(run)]
     jumped = [delay for run in touching for delay in jump_delays(run)]
     stiff = [stiff_found(run) for run in touching]
-    hours = sum(float(r.t_s[-1] - r.t_s[0]) for r in air) / 3600.0
-    alarms = sum(len(false_alarms(r)) for r in air)
     return {
         "contacts": len(delays),
         "contact_ms_median": quantile(np.array(delays), 50.0),
         "contact_ms_p95": quantile(np.array(delays)),
         "contacts_missed": sum(delay >= 1e3 * SEARCH_S for delay in delays),
-        "false_per_hour": alarms / hours if hours else None,
-        "hours_of_empty_motion": hours,
+        "false_per_hour": false_per_hour(air),
+        "hours_of_empty_motion": hours(air),
+        "false_per_hour_sharp": false_per_hour(sharp),
         "jumps": len(jumped),
         "jump_ms_p95": quantile(np.array(jumped)),
         "jump_ms_worst": max(jumped, default=None),
@@ -111,7 +121,7 @@ def figures(runs: Sequence[Run]) -> dict[str, Any]:
 
 def main() -> None:
     """Measure and print."""
-    options = wanted("events", __doc__, ("digging", "air"))
+    options = wanted("events", __doc__, ("digging", "air", "sharp"))
     found = figures(list(options.runs))
     for name, value in found.items():
         if name != "by_machine":

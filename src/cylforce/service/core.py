@@ -9,6 +9,7 @@ from cylforce.service.adaptation import Adapter
 from cylforce.service.assembler import Assembler
 from cylforce.service.booking import NONE_MISSED, Books, Missed, unseen
 from cylforce.service.contact.interaction import Interactor
+from cylforce.service.contact.lateness import force_delay_s
 from cylforce.service.contact.rocking import Rocker
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.plausibility.monitor import Monitor
@@ -64,7 +65,13 @@ class Core:
     @once
     def interactor(self) -> Interactor:
         """Rows of an instant to forces and events."""
-        return Interactor(self.model, self.tares, self.limits[MAGNITUDE][1])
+        delay_s = force_delay_s(self.service.filters, self._force_period_s)
+        return Interactor(self.model, self.tares, self.limits[MAGNITUDE][1], delay_s)
+
+    @once
+    def _force_period_s(self) -> float:
+        """Time between two messages with the force [s]."""
+        return next(p.period_s for p in self.service.publication for f in p.fields if f.signal == MAGNITUDE)
 
     @once
     def monitor(self) -> Monitor:

@@ -2,6 +2,7 @@
 (mechanics/README.md, section 8)."""
 
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 
@@ -45,10 +46,11 @@ class ForceSensor:
     def _poor(self) -> float:
         return POOR * self.rated_force
 
-    def force(self, shown: Numbers, contact: bool) -> Force:
+    def force(self, shown: Numbers, contact: bool, late: tuple[float, float] = (0.0, 0.0)) -> Force:
         """The published force of what the kernel shows of it (`pushed.publish`). A component whose standard error
-        exceeds BLIND is INVALID; there is no direction unless the force is larger than CLEAR standard errors across
-        it, nor without `contact`; NO_CONTACT is then the reason."""
+        exceeds BLIND is INVALID, but not because of the error (x, z) [N] of a force that is `late`; there is no
+        direction unless the force is larger than CLEAR standard errors across it, nor without `contact`; NO_CONTACT is
+        then the reason."""
         x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain, worst, largest = shown
         fine = NONE if contact else WITHOUT
         if worst <= self._poor and largest <= self.rated_force and self.tares.identified:
@@ -56,8 +58,10 @@ class ForceSensor:
             each_z = new(Quantity, (z, z_error, OK, fine))
             whole = new(Quantity, (size, along, OK, fine))
         else:
-            each_x, each_z = self._bounded(x, x_error, fine), self._bounded(z, z_error, fine)
-            whole = self._bounded(size, along, fine)
+            late_x, late_z = late
+            each_x, each_z = self._bounded(x, x_error, late_x, fine), self._bounded(z, z_error, late_z, fine)
+            late_along = (x * late_x + z * late_z) / size if certain > 0.0 else hypot(late_x, late_z)
+            whole = self._bounded(size, along, late_along, fine)
         direction = self._direction(certain > 0.0, contact, angle, across)
         return new(Force, (each_x, each_z, whole, direction, (xx, xz, zz)))
 
@@ -67,9 +71,10 @@ class ForceSensor:
             return UNCERTAIN if contact else NO_CONTACT
         return self._quantity(angle, error, NONE)
 
-    def _bounded(self, value: float, error: float, fine: Reason) -> Quantity:
-        """A component or the magnitude; without contact NO_CONTACT is the reason why it is nearly zero."""
-        if not error <= self._blind:
+    def _bounded(self, value: float, error: float, late: float, fine: Reason) -> Quantity:
+        """A component or the magnitude; without contact NO_CONTACT is the reason why it is nearly zero. A pose that
+        does not show the force is seen from the error without that of a `late` force."""
+        if not error * error - late * late <= self._blind * self._blind:
             return invalid(Reason.SINGULAR)
         if not abs(value) <= self.rated_force:  # also true for NaN, to which absurd parameters may lead
             return invalid(Reason.OUT_OF_DECLARED_RANGE)

@@ -14,6 +14,7 @@ from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.mechanics.installation import Filters
+from cylforce.service.contact.lateness import force_delay_s, wait_s
 from cylforce.signals.codec import Layout, layout, packed
 from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Estimate, Quantity
@@ -106,16 +107,13 @@ def _pdo(number: int, node_id: int, period_s: float, fields: tuple[Field, ...], 
 
 
 def timing(signal: str, filters: Filters, period_s: float) -> str:
-    """Bandwidth and delay of a published value: a signal waits half a step until it is measured and one step until it
-    is used, a value until the next publication."""
-    step = 1.0 / filters.rate_hz
-    wait = 1.5 * step + max(period_s - step, 0.0) / 2.0
+    """Bandwidth and delay of a published value."""
     if signal in (*FORCES, *SOIL):
-        late = wait + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))  # a Butterworth low-pass, slow signals
-        return f"-3 dB at {bandwidth_hz(filters.force_hz, period_s, step):.3g} Hz, delay {1e3 * late:.0f} ms"
+        band = bandwidth_hz(filters.force_hz, period_s, 1.0 / filters.rate_hz)
+        return f"-3 dB at {band:.3g} Hz, delay {1e3 * force_delay_s(filters, period_s):.0f} ms"
     if signal in (GROSS, NET):
         return "mean over the lift, shown 1.0 s after it began"
-    return f"no filter, delay {1e3 * wait:.0f} ms"
+    return f"no filter, delay {1e3 * wait_s(filters, period_s):.0f} ms"
 
 
 def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:

@@ -13,7 +13,7 @@ from cylforce.signals.contact import KEPT, ContactEvent, EventKind
 from cylforce.signals.quick import new, once
 
 # Fitted on machines of another generator (`tools/accuracy events --foreign`), see tools/studies/README.md.
-BEGINS = 100.0  # f' C^-1 f at which contact begins: 10 standard errors; empty motion reached 85 in 75 minutes
+BEGINS = 64.0  # f' (C + e e')^-1 f at which contact begins: 8 standard errors, e: error of a force that is late
 ENDS = 12.0  # f' C^-1 f below which there is none: 99.8 % of the noise
 ENDING_S = 0.1  # s for which it must stay there
 SMALLEST = 0.005  # times the rated force: a smaller one is no contact
@@ -63,15 +63,20 @@ class Watcher:
         """The state after an interruption of the measurement; the events remain."""
         return self.begin()._replace(number=state.number, events=state.events)
 
-    def step(self, state: Touch, t_us: int, seen: Solved, place: complex, velocity: complex) -> Touch:
-        """The state after one instant: the force, `place` [m] and `velocity` [m/s] of the teeth as x + i z."""
+    def step(
+        self, state: Touch, t_us: int, seen: Solved, late: tuple[float, float], place: complex, velocity: complex
+    ) -> Touch:
+        """The state after one instant: the force, its error (x, z) [N] because it is `late`, `place` [m] and `velocity`
+        [m/s] of the teeth as x + i z."""
         went, dt, now = abs(velocity) * self.dt, self.dt, (t_us, place)
         recent = state.recent[2:] + array("d", (hypot(seen.x, seen.z), state.recent[-1] + went))
         since = min(state.since_stiff + dt, AGAIN_S)
         if not state.touching:
             state = new(Touch, (False, state.away, 0.0, 0.0, since, recent, state.course, state.number, state.events))
-            begins = seen.clearness > BEGINS and hypot(seen.x, seen.z + seen.weight) > SMALLEST * self.rated_force
-            return self._begun(state, now, seen.clearness) if begins else state
+            if seen.clearness <= BEGINS or hypot(seen.x, seen.z + seen.weight) <= SMALLEST * self.rated_force:
+                return state
+            clear = clearness(seen, late)
+            return self._begun(state, now, clear) if clear > BEGINS else state
         away = state.away + dt if seen.clearness < ENDS else 0.0
         seconds, path = state.seconds + dt, state.path + went
         state = new(Touch, (True, away, seconds, path, since, recent, state.course, state.number, state.events))
@@ -109,6 +114,16 @@ class Watcher:
         number, (t_us, place) = state.number + 1, now
         event = ContactEvent(number, t_us, kind, place.real, place.imag, sure)
         return state._replace(number=number, events=(*state.events, event)[-KEPT:])
+
+
+def clearness(seen: Solved, late: tuple[float, float]) -> float:
+    """Return f' (C + e e')^-1 f of the force f less the weight in the bucket, e: its error (x, z) because it is late.
+
+    A sharp start of the arm looks like a force until the late torque of inertia follows. While the force still changes
+    quickly, it is therefore not sure."""
+    x, z, (late_x, late_z) = seen.x, seen.z + seen.weight, late
+    xx, xz, zz = seen.xx + late_x * late_x, seen.xz + late_x * late_z, seen.zz + late_z * late_z
+    return (zz * x * x - 2.0 * xz * x * z + xx * z * z) / (xx * zz - xz * xz)
 
 
 Now = tuple[int, complex]  # time [us] and place of the teeth

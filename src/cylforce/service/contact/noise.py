@@ -104,9 +104,17 @@ class Noise:
         self.kernel.learn(self._solver, solved.kept, good, load, after)
         return new(Unrest, (after,))
 
-    def show(self, solved: Solved, load: Numbers, covariance: Numbers, loaded: bool) -> tuple[Numbers, Numbers]:
+    def show(
+        self, solved: Solved, load: Numbers, covariance: Numbers, loaded: bool, late: tuple[float, float]
+    ) -> tuple[Numbers, Numbers]:
         """What is published of the resultant, and of the force of the soil: less a load (4,) with covariance (4, 4) if
-        one is in the bucket (`loaded`), else less the mass that explains most of it (`pushed.publish`)."""
+        one is in the bucket (`loaded`), else less the mass that explains most of it (`pushed.publish`). Both are wrong
+        by the force `late` (x, z) [N] in addition."""
+        late_x, late_z = late
+        wider = solved.kept[:]
+        wider[-3] += late_x * late_x
+        wider[-2] += late_x * late_z
+        wider[-1] += late_z * late_z
         resultant, soil = ZERO * SHOWN, ZERO * SHOWN
-        self.kernel.show(self._solver, solved.kept, load, covariance, loaded, CLEAR, resultant, soil)
+        self.kernel.show(self._solver, wider, load, covariance, loaded, CLEAR, resultant, soil)
         return resultant, soil
