@@ -137,3 +137,19 @@ def test_at_work_no_gap_and_something_unknown_are_not_observable():
     found = replace(examined(reference.viewer, recordings(SEED), reference.clean, rng), working=True)
     told = judged(found, searched(found, at_work=CALIBRATION))
     assert (told.verdict, told.named) == (Verdict.NOT_OBSERVABLE, ())
+
+
+def test_a_check_up_beside_a_working_recording_counts_in_full():
+    """Work is a property of each recording: beside a working day, 300 nats of a check-up became 10."""
+    reference, true = as_it_was(), ("viscous_friction", "stick")
+    effect = imposed(MACHINE, *true, 8e3)
+    check_up = recordings(SEED, (effect,))[0]._replace(name="check-up")
+    work = at_work(recordings(SEED + 1, (effect,))[0], np.random.default_rng(SEED))._replace(name="work")
+
+    def nats(*field):
+        found = examined(reference.viewer, list(field), reference.clean, np.random.default_rng(SEED))
+        return found.working, found.asked.alone[true][0] - found.asked.none.log
+
+    alone, both = nats(check_up), nats(work, check_up)
+    assert (alone[0], both[0]) == (False, True), f"seed {SEED}"
+    assert both[1] > 0.9 * alone[1]

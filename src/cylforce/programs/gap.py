@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.answer.belief import decided
-from cylforce.diagnosis.answer.located import insisted, located
+from cylforce.diagnosis.answer.located import insisted, located, next_cause
 from cylforce.diagnosis.answer.shape import unexplained
 from cylforce.diagnosis.answer.shrinkage import Gap, gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import where
+from cylforce.diagnosis.answer.withdrawn import one_answer
 from cylforce.diagnosis.columns.floor import fitted_tares
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
@@ -85,7 +86,8 @@ def diagnose(
     rng = np.random.default_rng(SEED)
     everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, _daily(loaded, question))
     watch("causes", None)
-    verdict = judged(everything := decided(everything), found := searched(everything))
+    everything = one_answer(decided(everything))
+    verdict = judged(everything, found := searched(everything))
     if late and not _by_clock(verdict):
         return _off_clock(late)
     seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / viewer.rows_hz
@@ -93,7 +95,8 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     spots = where(found.original, (plain := gap(found, (), rng)), rng)
-    found, verdict, size, refuted = insisted(everything, tried(found, verdict, rng), plain, spots, rng)
+    tested = next_cause(everything, tried(found, verdict, rng), rng)
+    found, verdict, size, refuted = insisted(everything, tested, plain, spots, rng)
     found, verdict, size = located(found, verdict, size, plain, spots)
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
     watch("what to record next", None)

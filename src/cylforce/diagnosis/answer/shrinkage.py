@@ -80,7 +80,7 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Sea
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
         return search, judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
     names = " and ".join("{}@{}".format(*n.cause.key) for n in judged.named)
-    nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
+    nothing = Judged(Verdict.UNKNOWN, (), judged.explained, (judged.named[0].cause.key,))
     return search, nothing, gap(search, (), rng), REFUTED.format(names)
 
 

@@ -62,6 +62,15 @@ class Asking:
     layout: tuple[NDArray[np.int_], ...] | None = None
     aside: NDArray[np.bool_] | None = None
 
+    def of(self, name: str) -> "Asking":
+        """Return the same question about one of the faulty recordings."""
+        problem, noisy, aside = self.problem, self.noisy, self.aside
+        kept = [k for k, seen in enumerate(problem.faulty) if seen.recorded.name == name]
+        faulty = tuple(problem.faulty[k] for k in kept)
+        noise = Noisy(noisy.clean, *(tuple(each[k] for k in kept if k < len(each)) for each in noisy[1:]))
+        blocks = None if aside is None else np.concatenate([aside[slice(*problem.spans[k])] for k in kept])
+        return replace(self, problem=replace(problem, faulty=faulty), noisy=noise, aside=blocks, step=None)
+
     @cached_property
     def own(self) -> list[int]:
         """The columns that are asked, of those of `whites`: all that last, the clock, its growth, the load's change."""

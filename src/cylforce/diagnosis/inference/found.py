@@ -1,7 +1,7 @@
 """What a search found, for those who answer."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,7 +22,7 @@ class Found:
     take much memory); in which blocks (B,) something happens at moments, by key; whether the machine was at work; the
     smallest size of each effect that could be seen, `least`; the question and the case without a change of load; what
     fell out of loads of which nothing is known; how the same is found with what happens at moments as the only cause,
-    where something that lasts was found beside it."""
+    where something that lasts was found beside it; `same`: of a cause the other one that is the same answer."""
 
     question: Asking
     machine: InOrder
@@ -35,6 +35,7 @@ class Found:
     plain: tuple[Asking, Inference]
     lost: Lost | None = None
     otherwise: Callable[[], "Found"] | None = None
+    same: Mapping[Key, Key] = field(default_factory=dict)
 
     def looked_at(self, which: tuple[int, ...]) -> tuple[Problem, Inference]:
         """The problem with the effects of a hypothesis taken out at their sizes, and what was then asked."""
