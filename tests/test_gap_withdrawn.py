@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.answer.withdrawn import one_answer, without
 from cylforce.diagnosis.inference.discrepancy import Scatter
-from cylforce.diagnosis.inference.found import Found
+from cylforce.diagnosis.inference.found import Found, one_answer, without
 from cylforce.diagnosis.inference.hypotheses import Hypothesis
 from cylforce.diagnosis.inference.posterior import UNKNOWN, Asked, Happened, believed
 from cylforce.diagnosis.inference.sizes import Column

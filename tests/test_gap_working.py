@@ -147,7 +147,8 @@ def test_a_check_up_beside_a_working_recording_counts_in_full():
     work = at_work(recordings(SEED + 1, (effect,))[0], np.random.default_rng(SEED))._replace(name="work")
 
     def nats(*field):
-        found = examined(reference.viewer, list(field), reference.clean, np.random.default_rng(SEED))
+        rng = np.random.default_rng(SEED)
+        found = examined(reference.viewer, list(field), reference.clean, rng, only=true)
         return found.working, found.asked.alone[true][0] - found.asked.none.log
 
     alone, both = nats(check_up), nats(work, check_up)

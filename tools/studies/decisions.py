@@ -164,7 +164,8 @@ def viewed(loaded: Loaded, case: Case) -> tuple[Viewer, Array | None, list[Any],
     """Model and tares as `cylforce gap` takes them, how well these are known, references and field."""
     clean, faulty = (chosen(loaded, paths, case.loads).stretches for paths in (case.reference, case.field))
     clean = idle(Model(loaded.service.machine, loaded.service.filters, ALWAYS), clean)
-    return *viewed_by(loaded, Question(case.field, case.reference), clean), clean, faulty
+    own = viewed_by(loaded, Question(case.field, case.reference), clean)
+    return own.viewer, own.known, clean, faulty
 
 
 def in_order(work: tuple[Case, Path]) -> tuple[InOrder, Sums]:

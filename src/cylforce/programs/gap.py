@@ -6,15 +6,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.answer.belief import decided
-from cylforce.diagnosis.answer.located import insisted, located, next_cause
+from cylforce.diagnosis.answer.located import insisted, located
 from cylforce.diagnosis.answer.shape import unexplained
 from cylforce.diagnosis.answer.shrinkage import Gap, gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import where
-from cylforce.diagnosis.answer.withdrawn import one_answer
 from cylforce.diagnosis.columns.floor import fitted_tares
+from cylforce.diagnosis.columns.problem import Identified
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference.found import one_answer
 from cylforce.diagnosis.inference.idle import idle
 from cylforce.diagnosis.inference.search import examined
 from cylforce.diagnosis.numbers import GAP
@@ -28,6 +29,7 @@ from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
 from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.gap_question import Question, asked_only, check_recordings, reduced
+from cylforce.programs.common.gap_refit import IDENTIFY, identify_first, parameters_first, unnamed
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, at_own_rate, chosen
 from cylforce.programs.common.row_cache import KeepingViewer, RowCache
@@ -81,13 +83,13 @@ def diagnose(
     clean, unlike = _alike(model, clean, reference.short, faulty)
     if question.reference and not clean and not (question.identified or question.usual):
         return _nothing(f"no reference is left: {'; '.join([*map(apart, [odd] if odd else []), *unlike])}")
-    viewer, known = viewed_by(loaded, question, clean)
-    viewer = _keeping(viewer, loaded, question, kept) if kept is not None else viewer
+    own = viewed_by(loaded, question, clean)
+    viewer, known = _keeping(own.viewer, loaded, question, kept) if kept is not None else own.viewer, own.known
     rng = np.random.default_rng(SEED)
-    everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, _daily(loaded, question))
+    usual = _daily(loaded, question)
+    everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, usual, own.identified)
     watch("causes", None)
-    everything = one_answer(decided(everything))
-    verdict = judged(everything, found := searched(everything))
+    verdict = judged(everything := one_answer(decided(everything)), found := searched(everything))
     if late and not _by_clock(verdict):
         return _off_clock(late)
     seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / viewer.rows_hz
@@ -95,18 +97,26 @@ def diagnose(
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
     spots = where(found.original, (plain := gap(found, (), rng)), rng)
-    tested = next_cause(everything, tried(found, verdict, rng), rng)
-    found, verdict, size, refuted = insisted(everything, tested, plain, spots, rng)
+    found, verdict, size, refuted = insisted(everything, tried(found, verdict, rng), plain, spots, rng)
     found, verdict, size = located(found, verdict, size, plain, spots)
+    refit = None if only else parameters_first(everything, found, verdict, size, (faulty, ALWAYS))
+    if refit and clean:
+        found, verdict, size, refuted = unnamed(found), Judged(Verdict.NOT_OBSERVABLE, (), 0.0), plain, ""
     whole = answer(found, verdict, size, spots, unexplained(found.original, size.left, size.floor))
+    whole |= identify_first(refit, sheet=not clean) if refit else {}
     watch("what to record next", None)
-    whole["next_experiment"] = [*confirm(whole), *said(planned(everything, found)), *whole["next_experiment"]]
+    whole["next_experiment"] = [*_first_of_all(whole), *said(planned(everything, found)), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
     sensors, shake = _sensors(loaded, faulty, clean)
     aside = left_aside(loaded.service.machine, everything.aside_s, everything.asked.incident)
     here = slow, aside, "" if clean else shifted(whole, verdict), apart(late) if late else "", *shake
     whole["warnings"] = [text for text in (_left_out(odd, bool(clean)), *unlike, refuted, *here) if text]
     return Diagnosed(found, verdict, size, whole | sensors)
+
+
+def _first_of_all(whole: dict[str, Any]) -> list[str]:
+    """What to do before any other experiment."""
+    return [IDENTIFY] if "identify_first" in whole else confirm(whole)
 
 
 def _daily(loaded: Loaded, question: Question) -> Mapping[str, float]:
@@ -209,30 +219,43 @@ def _off_clock(late: Sequence[Slip]) -> Diagnosed:
     return Diagnosed(None, Judged(verdict, (), late[0].closed), None, whole)
 
 
-def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> tuple[Viewer, Array | None]:
+class Viewed(NamedTuple):
+    """The model of a diagnosis.
+
+    viewer:     model and tares
+    known:      (P,) standard errors of the tares; None: as the references determine them
+    identified: accuracy of the identification; None: not identified, or the references determine it
+    """
+
+    viewer: Viewer
+    known: Array | None
+    identified: Identified | None = None
+
+
+def viewed_by(loaded: Loaded, question: Question, clean: Sequence[Recorded]) -> Viewed:
     """Model and tares: identified ones, else those of the clean recordings, else what is usual for the type, else the
     data sheet, without friction."""
     service = loaded.service
     if question.identified is None and not clean and question.usual is not None:
         typical = Model(service.machine, service.filters, ALWAYS, usual_parameters(question.usual, service.machine))
-        return Viewer(typical, typical.prior.mean), np.sqrt(np.diag(typical.prior.covariance))
+        return Viewed(Viewer(typical, typical.prior.mean), np.sqrt(np.diag(typical.prior.covariance)))
     if question.identified is None and not clean:
         sheet = Model(service.machine, service.filters, ())
-        return Viewer(sheet, sheet.prior.mean), BELIEVED * np.sqrt(np.diag(sheet.prior.covariance))
+        return Viewed(Viewer(sheet, sheet.prior.mean), BELIEVED * np.sqrt(np.diag(sheet.prior.covariance)))
     if question.identified is None:
         model = Model(service.machine, service.filters, ALWAYS)
-        return Viewer(model, fitted_tares(model, clean)), None
+        return Viewed(Viewer(model, fitted_tares(model, clean)), None)
     tares = read_identified(question.identified, loaded)
+    if not clean:  # laws that the identification did not use are no part of what it left unexplained
+        model = Model(service.machine, service.filters, tares.friction)
+        identified = Identified(tares.covariance, tares.row_error)
+        return Viewed(Viewer(model, tares.values), np.sqrt(np.diag(tares.covariance)), identified)
     laws = tuple(law for law in FRICTION if law in (*ALWAYS, *tares.friction))
     model = Model(service.machine, service.filters, laws)
-    values, error = _spread_out(model, tares)
-    return Viewer(model, values), None if clean else error
+    return Viewed(Viewer(model, _with_all_laws(model, tares)), None)
 
 
-def _spread_out(model: Model, tares: Tares) -> tuple[Array, Array]:
-    """Tares and their standard errors (P,) for a model with all friction laws; absent laws are 0, known as before."""
-    error = np.sqrt(np.diag(tares.covariance))
-    known = {name: (v, e) for name, v, e in zip(tares.names, tares.values, error, strict=True)}
-    before = np.sqrt(np.diag(model.prior.covariance))
-    pairs = [known.get(p.name, (0.0, b)) for p, b in zip(model.parameters, before, strict=True)]
-    return np.array([v for v, _ in pairs]), np.array([e for _, e in pairs])
+def _with_all_laws(model: Model, tares: Tares) -> Array:
+    """Return the tares (P,) for a model with all friction laws; absent laws are 0."""
+    known = dict(zip(tares.names, tares.values.tolist(), strict=True))
+    return np.array([known.get(p.name, 0.0) for p in model.parameters])

@@ -63,7 +63,7 @@ def _answer_text(found: Diagnosed) -> str:
 
 def _patch_text(found: Diagnosed) -> str:
     """The effects named as blocks of TOML."""
-    part = patch(found.search, written(found.search, found.judged)) if found.search else []
+    part = patch(found.search, written(found.judged)) if found.search else []
     return tomlkit.dumps({"effects": part}) if part else "effects = []\n"
 
 

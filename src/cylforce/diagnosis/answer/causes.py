@@ -18,6 +18,8 @@ from cylforce.effects.fault import TimeCourse
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 
+WIDE = 1.6449  # standard errors of a 90 % interval
+
 
 class Cause(NamedTuple):
     """An effect that was found: the proposal, its course in words, which `form` of the question it is (None of what
@@ -55,6 +57,14 @@ class Cause(NamedTuple):
         each = self.sizes[:, : self.proposal.about.axes]
         sign = np.sign(each[0, 0]) if each.size == 1 else self.proposal.about.sign or 1
         return float(sign * np.sqrt(np.mean(np.sum(each**2, axis=1))))
+
+
+def interval(cause: Cause) -> tuple[float, float, float]:
+    """Return a cause's magnitude, and the bounds of its 90 % interval."""
+    about = cause.proposal.about
+    error = float(np.sqrt(np.mean(cause.errors[:, : about.axes] ** 2)))
+    value = cause.size if about.axes > 1 or len(cause.sizes) > 1 else float(cause.sizes[0, 0])
+    return value, value - WIDE * error, value + WIDE * error
 
 
 class Suspect(NamedTuple):

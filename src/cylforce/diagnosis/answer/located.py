@@ -7,8 +7,7 @@ import numpy as np
 from cylforce.diagnosis.answer.shrinkage import Gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
-from cylforce.diagnosis.answer.withdrawn import without
-from cylforce.diagnosis.inference.found import Found
+from cylforce.diagnosis.inference.found import Found, without
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
 from cylforce.diagnosis.inference.residuals import without_gap
 from cylforce.diagnosis.numbers import GAP
@@ -25,16 +24,16 @@ def next_cause(everything: Found, tested: Tested, rng: np.random.Generator, sure
     """
     search, verdict, size, warning = tested
     while verdict.refuted and not verdict.named:
-        refuted = verdict.refuted
-        everything = without(everything, refuted[-1])
+        everything = without(everything, verdict.refuted[-1])
         search = searched(everything, surely=surely)
         asked = judged(everything, search)
         if not asked.named:
             return search, verdict, size, warning
-        search, verdict, size, more = tried(search, asked, rng)
-        verdict = verdict._replace(refuted=(*refuted, *verdict.refuted))
+        search, after, size, more = tried(search, asked, rng)
+        verdict = after._replace(refuted=(*verdict.refuted, *after.refuted))
         warning = "; ".join(filter(None, (warning, more)))
-    return search, verdict, size, warning
+        tested = search, verdict, size, warning
+    return tested
 
 
 def insisted(
@@ -46,6 +45,7 @@ def insisted(
 ) -> Tested:
     """What is believed, the verdict, the gap and a warning, once it is known where the gap without any effect, `plain`,
     is: at a joint that differs from what is normal and leaves twice the floor there surely is one."""
+    tested = next_cause(everything, tested, rng)
     search, before, *_ = tested
     large = {spot.channel for spot in spots if spot.found} & _beyond(search, plain)
     if not large or search.working or not search.original.clean or search.belief.of.get(NOTHING, 0.0) <= 0.0:
@@ -75,7 +75,7 @@ def located(
         return none(search), Judged(Verdict.NO_GAP, (), 0.0), plain
     moved = (plain.floor > 0.0) & (plain.fixed > 0.0)  # a joint that rests tells nothing
     floors = (plain.fixed[moved] / plain.floor[moved]) ** 2
-    large = bool(search.original.clean) and np.any(moved) and float(np.mean(floors)) >= GAP**2
+    large = search.original.floor_known and np.any(moved) and float(np.mean(floors)) >= GAP**2
     hidden = (found or large) and verdict.verdict is Verdict.NO_GAP
     return search, verdict._replace(verdict=Verdict.NOT_OBSERVABLE) if hidden else verdict, size
 
@@ -83,7 +83,11 @@ def located(
 def usual(search: Search, size: Gap) -> bool:
     """Whether the field leaves no more than references leave of each other at any joint, and what was found would have
     to show there, not at moments or in the clocks alone."""
-    if search.working or not search.original.clean or not all(c.lasts and not c.proposal.clock for c in search.causes):
+    if (
+        search.working
+        or not search.original.floor_known
+        or not all(c.lasts and not c.proposal.clock for c in search.causes)
+    ):
         return False
     return bool(np.all(without_gap(size.fixed, size.floor)))
 

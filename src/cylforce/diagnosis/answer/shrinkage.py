@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cylforce.diagnosis.answer import objections
 from cylforce.diagnosis.answer.causes import Cause
 from cylforce.diagnosis.answer.closure import blockwise, closure
 from cylforce.diagnosis.answer.fitting import Sized
@@ -30,7 +31,6 @@ from cylforce.diagnosis.numbers import HALF, SAME, SLIGHT, WIDEST
 from cylforce.effects.imposed import Imposed
 from cylforce.signals.estimate import Array
 
-REFUTED = "simulated with {}, the machine hardly comes nearer to the recordings: not named"
 AT_WORK = (
     "the machine works in these recordings: this was found in the stretches in which nothing touches the ground, with "
     "loads of which nothing is known, so that neither the share of the difference nor what it does is told"
@@ -40,11 +40,12 @@ AT_WORK = (
 class Gap(NamedTuple):
     """Per measured row (R,) [N m, rms]: `fixed` parameters, `refit` ones, with what was found simulated, held out,
     `after`, the clean recordings' `floor`; `closure`, the share of the gap's energy (all rows) that goes, with its
-    interval `low`..`high`, NaN where that says nothing; `refuted`: causes whose closure is surely below SLIGHT (of what
-    happens at moments, whose sizes are of the very blocks, the value itself),
-    `partial`: below HALF, told or not; `removed` [N m, rms], and `shift`: refitted parameters against what they were,
-    in standard errors of the prior; `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings behind
-    `fixed` and `after`, `clean`: of the clean ones, unseen by their fit."""
+    interval `low`..`high`, NaN where that says nothing; `objection`: why the causes are not named, in a sentence, empty
+    if nothing speaks against them: their closure is not known or surely below SLIGHT (of what happens at moments, whose
+    sizes are of the very blocks, the value itself), or `objections` has a reason;
+    `partial`: a closure below HALF, told or not; `removed` [N m, rms], and `shift`: refitted parameters against what
+    they were, in standard errors of the prior; `nominal` and `left`: residuals (T, R) [N m] of the faulty recordings
+    behind `fixed` and `after`, `clean`: of the clean ones, unseen by their fit."""
 
     fixed: Array
     refit: Array
@@ -53,7 +54,7 @@ class Gap(NamedTuple):
     closure: float
     low: float
     high: float
-    refuted: bool
+    objection: str
     partial: bool
     removed: float
     shift: Array
@@ -61,27 +62,42 @@ class Gap(NamedTuple):
     left: list[Array]
     clean: list[Array]
 
+    @property
+    def refuted(self) -> bool:
+        """Whether something speaks against naming the causes."""
+        return bool(self.objection)
+
 
 def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Search, Judged, Gap, str]:
     """The causes and the verdict once what is named has been simulated, the gap, and a warning where that refutes it.
     At work nothing is: of what contact and loads do, which are most of that gap, no effect takes away anything."""
     if search.working:
-        return search, judged, gap(search, (), rng), AT_WORK if judged.named else ""
-    causes = written(search, judged)
-    size = gap(search, causes, rng)
-    if len(judged.named) > 1 or (size.refuted and len(causes) > 1):  # the first may be right, and those beside it not
+        return _at_work(search, judged, rng)
+    if len(judged.named) == 1 and len(search.causes) > 1:  # the size of what is named must not rest on what is not
+        search, judged = _alone(search, judged)
+    size = gap(search, written(judged), rng)
+    if len(judged.named) > 1:  # the first may be right, and those beside it not
         alone = _alone(search, judged)
-        other = gap(alone[0], written(*alone), rng)
+        other = gap(alone[0], written(alone[1]), rng)
         shown = [n for n in judged.named[1:] if _shows(search, n.cause, other)]
-        judged = judged._replace(named=(judged.named[0], *shown))
+        if len(shown) < len(judged.named) - 1:
+            judged = judged._replace(named=(judged.named[0], *shown))
+            size = gap(search, written(judged), rng)
         if not other.refuted and (size.refuted or not shown):
             (search, judged), size = alone, other
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
         return search, judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
-    names = " and ".join("{}@{}".format(*n.cause.key) for n in judged.named)
     nothing = Judged(Verdict.UNKNOWN, (), judged.explained, (judged.named[0].cause.key,))
-    return search, nothing, gap(search, (), rng), REFUTED.format(names)
+    return search, nothing, gap(search, (), rng), size.objection
+
+
+def _at_work(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Search, Judged, Gap, str]:
+    """The same of a machine at work, of which only the magnitude may speak against what is named."""
+    against = objections.of_magnitude(search, written(judged))
+    if against:
+        judged = Judged(Verdict.NOT_OBSERVABLE, (), 0.0, (judged.named[0].cause.key,))
+    return search, judged, gap(search, (), rng), against or (AT_WORK if judged.named else "")
 
 
 def _alone(search: Search, judged: Judged) -> tuple[Search, Judged]:
@@ -117,7 +133,7 @@ def gap(search: Search, causes: Sequence[Cause], rng: np.random.Generator) -> Ga
     return Gap(
         *(fixed, refit_rms, after_rms, floor),
         *told,
-        bool(causes) and (high if all(c.lasts for c in causes) else value) < SLIGHT,
+        _objection(search, causes, (before, after), high if all(c.lasts for c in causes) else value),
         bool(causes) and value < HALF,
         float(np.sqrt(max(float(np.nanmean(squares[0]) - np.nanmean(squares[1])), 0.0))),
         shift,
@@ -127,14 +143,23 @@ def gap(search: Search, causes: Sequence[Cause], rng: np.random.Generator) -> Ga
     )
 
 
-def written(search: Search, judged: Judged) -> tuple[Cause, ...]:
-    """The causes that are written as blocks: those named, and the known ones beside them, which are not sure enough to
-    be named, but whose sizes were found together with theirs. None where nothing is named."""
-    named = [n.cause for n in judged.named]
-    if search.working:
-        return tuple(named)
-    keys = {cause.key for cause in named}
-    return (*named, *(c for c in search.causes if c.key not in keys and c.lasts)) if named else ()
+def _objection(
+    search: Search, causes: Sequence[Cause], left: tuple[Sequence[Array], Sequence[Array]], closed: float
+) -> str:
+    """Return why some causes are not named, in a sentence, empty if nothing speaks against them.
+
+    left:   residuals (T, R) of the faulty recordings [N m], without the causes and with them
+    closed: the most of the gap's energy that the simulation may remove, NaN if the gap is too small for a share
+    """
+    if not causes:
+        return ""
+    hardly = "" if closed >= SLIGHT else objections.HARDLY.format(objections.names_of(causes))  # NaN is no closure
+    return objections.of_magnitude(search, causes) or hardly or objections.of_simulation(search, causes, *left)
+
+
+def written(judged: Judged) -> tuple[Cause, ...]:
+    """The causes that are simulated and written as blocks: those named."""
+    return tuple(n.cause for n in judged.named)
 
 
 class Simulation:

@@ -34,6 +34,18 @@ class Seen(NamedTuple):
     rows: GapRows
 
 
+class Identified(NamedTuple):
+    """What an identification says of its own accuracy.
+
+    covariance:  (P, P) of the model's parameters. Their errors are strongly correlated: taken one by one they would
+                 leave the torques tens of noise floors uncertain.
+    unexplained: (R,) residual torque [N m, rms], the noise floor
+    """
+
+    covariance: Array
+    unexplained: Array
+
+
 def looked_at(viewer: Viewer, group: Sequence[Recorded | Seen], wanted: Sequence[Proposal]) -> tuple[Seen, ...]:
     """Recordings with their rows; those that have them keep them, if they were computed for the same proposals."""
     return tuple(r if isinstance(r, Seen) else Seen(r, viewer.rows(r, wanted).slim) for r in group)
@@ -50,6 +62,12 @@ class Problem:
     faulty: tuple[Seen, ...]
     tares: Array | None = None  # (P,) values of the model's parameters, if it was identified
     base: Riding | None = None  # how the base moves, if it is known already
+    identified: Identified | None = None  # without references: what the identification determined
+
+    @property
+    def floor_known(self) -> bool:
+        """Whether the noise floor comes from other recordings than the faulty ones, references or an identification."""
+        return bool(self.clean) or self.identified is not None
 
     @property
     def from_sheet(self) -> bool:

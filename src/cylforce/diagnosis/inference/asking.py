@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.columns.correction import Applied, left_without
-from cylforce.diagnosis.columns.problem import GROWTH_S, Problem, Seen, looked_at
+from cylforce.diagnosis.columns.problem import GROWTH_S, Identified, Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import BLOCK, Viewer
 from cylforce.diagnosis.columns.statistics import (
@@ -24,7 +24,7 @@ from cylforce.diagnosis.columns.statistics import (
     statistics,
     white,
 )
-from cylforce.diagnosis.columns.whitening import Floor
+from cylforce.diagnosis.columns.whitening import Floor, floor_of
 from cylforce.diagnosis.inference.discrepancy import Moments, Sums, moments, sums
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.sizes import Column, Terms
@@ -61,15 +61,6 @@ class Asking:
     step: Step | None = None
     layout: tuple[NDArray[np.int_], ...] | None = None
     aside: NDArray[np.bool_] | None = None
-
-    def of(self, name: str) -> "Asking":
-        """Return the same question about one of the faulty recordings."""
-        problem, noisy, aside = self.problem, self.noisy, self.aside
-        kept = [k for k, seen in enumerate(problem.faulty) if seen.recorded.name == name]
-        faulty = tuple(problem.faulty[k] for k in kept)
-        noise = Noisy(noisy.clean, *(tuple(each[k] for k in kept if k < len(each)) for each in noisy[1:]))
-        blocks = None if aside is None else np.concatenate([aside[slice(*problem.spans[k])] for k in kept])
-        return replace(self, problem=replace(problem, faulty=faulty), noisy=noise, aside=blocks, step=None)
 
     @cached_property
     def own(self) -> list[int]:
@@ -198,7 +189,16 @@ class Asking:
     def machine(self, everyday: dict[str, float]) -> InOrder:
         """The machine as its references show it; a step, and what is set aside, is the field's alone."""
         plain = replace(self, step=None, aside=None)
-        return InOrder(plain.scene, plain.references, self._ages | everyday, len(self.floor.rms))
+        return InOrder(plain.scene, plain.references, self._ages | everyday, len(self.floor.rms), self._identified)
+
+    @property
+    def _identified(self) -> Array | None:
+        """Covariance (P, P) of the parameters by the identification, in units of their prior spread."""
+        if self.problem.identified is None:
+            return None
+        covariance = self.problem.identified.covariance
+        spread = self.problem.spread[: len(covariance)]
+        return np.asarray(covariance / np.outer(spread, spread))
 
     @cached_property
     def _ages(self) -> dict[str, float]:
@@ -253,9 +253,9 @@ class Noisy(NamedTuple):
 
 
 def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generator) -> Noisy:
-    """From the sensors' noise once more on five minutes of every recording. Without clean recordings none: the
-    floor is then what all columns leave, and has no noise in common with them."""
-    if not problem.clean:
+    """From the sensors' noise once more on five minutes of every recording. Where only the faulty recordings determine
+    the floor none: the floor is then what all columns leave, and has no noise in common with them."""
+    if not problem.floor_known:
         nothing = Shared.nothing(len(floor.rms), problem.lasting + 2)
         return Noisy((), (nothing,) * len(problem.faulty))
     steps = round(NOISY_S * viewer.model.filters.rate_hz)
@@ -269,13 +269,28 @@ def noisy(viewer: Viewer, problem: Problem, floor: Floor, rng: np.random.Generat
     return Noisy(found[0], found[1], tuple(seen.recorded for seen in twin.faulty))
 
 
+def identified_floor(viewer: Viewer, problem: Problem, identified: Identified, rng: np.random.Generator) -> Floor:
+    """Return the noise floor of a machine that was identified and has no references.
+
+    The level is the residual torque that the identification left. The colour is that of the sensors' noise, added once
+    more to the faulty recordings and filtered as they are: a fit to the faulty residual would whiten the fault away.
+    """
+    steps = round(NOISY_S * viewer.model.filters.rate_hz)
+    plain = replace(problem, proposals=())
+    twins = with_noise(viewer, plain, problem.faulty, rng, steps)
+    pairs = zip(problem.faulty, twins, strict=True)
+    noise = floor_of([twin.rows.left - seen.rows.left[: len(twin.rows.left)] for seen, twin in pairs])
+    level = identified.unexplained
+    return Floor(level, noise.memory, noise.white * level / noise.rms)
+
+
 def with_noise(
     viewer: Viewer, problem: Problem, group: Sequence[Seen], rng: np.random.Generator, steps: int | None = None
 ) -> tuple[Seen, ...]:
     """The first `steps` samples of recordings, by default all, with the sensors' noise once more: as the clean
-    recordings show it; as declared, where a coarse reading shows none."""
+    recordings show it, without them as the faulty ones do; as declared, where a coarse reading shows none."""
     declared = np.array([s.standard_error for s in viewer.model.machine.signals])
-    shown = white_noise([seen.recorded for seen in problem.clean])
+    shown = white_noise([seen.recorded for seen in problem.clean or problem.faulty])
     errors = np.where(np.nan_to_num(shown) > 0.0, shown, declared)
     values = [seen.recorded.values[:steps] for seen in group]
     made = [v + errors * rng.standard_normal(v.shape) for v in values]

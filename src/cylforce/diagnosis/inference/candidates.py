@@ -2,10 +2,11 @@
 which it acts most: where that has no gap, it is none."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from cylforce.diagnosis.inference.asking import Asking
+from cylforce.diagnosis.inference.asking import Asking, Noisy
 from cylforce.diagnosis.inference.hypotheses import Inference
 from cylforce.diagnosis.inference.residuals import clean, counting, residuals, rms, without_gap
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
@@ -14,8 +15,11 @@ from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 
 
-def joints_without_gap(residual: Array, floor: Array) -> set[int]:
-    """Return the joints (from 0) whose residual (R,) is no larger than references leave of each other (R,)."""
+def joints_without_gap(residual: Array, floor: Array | float = 1.0) -> set[int]:
+    """Return the joints (from 0) whose residual (R,) is no larger than references leave of each other.
+
+    floor: (R,) noise floor in the unit of the residual
+    """
     return set(np.flatnonzero(without_gap(residual, floor)).tolist())
 
 
@@ -38,6 +42,16 @@ def showing(question: Asking, case: Inference, wanted: Sequence[int], still: set
     """
     proposals = [proposal for proposal, _ in question.forms]
     return [k for k in wanted if proposals[k].course or proposals[k].name == GLITCH or not case.shows_at(k) <= still]
+
+
+def recorded(question: Asking, name: str) -> Asking:
+    """Return the same question about one of the faulty recordings."""
+    problem, noisy, aside = question.problem, question.noisy, question.aside
+    kept = [k for k, seen in enumerate(problem.faulty) if seen.recorded.name == name]
+    faulty = tuple(problem.faulty[k] for k in kept)
+    noise = Noisy(noisy.clean, *(tuple(each[k] for k in kept if k < len(each)) for each in noisy[1:]))
+    blocks = None if aside is None else np.concatenate([aside[slice(*problem.spans[k])] for k in kept])
+    return replace(question, problem=replace(problem, faulty=faulty), noisy=noise, aside=blocks, step=None)
 
 
 def hangs(question: Asking, p: Proposal) -> bool:

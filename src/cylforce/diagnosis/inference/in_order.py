@@ -22,12 +22,14 @@ TIMES = (1.0, 2.0, 4.0, 8.0)  # the stated differences: a factor of two is one s
 @dataclass(frozen=True)
 class InOrder:
     """A machine as its references show it; `everyday`: how large an everyday difference is, of an effect's least
-    plausible size."""
+    plausible size; `identified` (P, P): without references, covariance of the parameters by the identification, in
+    units of the prior spread."""
 
     scene: Terms
     references: tuple[Sums, ...]
     everyday: Mapping[str, float]
     joints: int = 0
+    identified: Array | None = None
 
     @cached_property
     def _all(self) -> Sums:
@@ -55,7 +57,11 @@ class InOrder:
         """The same without references: parameters as they were identified, no effects, the noise told by the floor."""
         size, joints = len(self.scene.spread), self.joints
         known = np.where(np.arange(size) < self.scene.first, (self.scene.always / self.scene.spread) ** 2, 0.0)
-        return Scatter(np.full(joints, UNSEEN), np.ones(joints), UNSURE), np.zeros(size), np.diag(known)
+        covariance = np.diag(known)
+        if self.identified is not None:
+            count = len(self.identified)
+            covariance[:count, :count] = self.identified
+        return Scatter(np.full(joints, UNSEEN), np.ones(joints), UNSURE), np.zeros(size), covariance
 
     def with_everyday(self, everyday: Mapping[str, float]) -> "InOrder":
         """The same machine with other everyday differences; its references are not fitted again."""

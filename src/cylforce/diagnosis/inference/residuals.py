@@ -96,7 +96,7 @@ def rms(each: Sequence[Array]) -> Array:
     return np.asarray(np.sqrt(np.sum(np.where(good, whole, 0.0) ** 2, axis=0) / np.maximum(np.sum(good, axis=0), 1)))
 
 
-def without_gap(residual: Array, floor: Array) -> Blocks:
+def without_gap(residual: Array, floor: Array | float) -> Blocks:
     """Return which joints (R,) have no gap: a residual no larger than references leave of each other.
 
     residual, floor: rms (R,) in the same unit, of the field and of the references

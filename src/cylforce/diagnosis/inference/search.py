@@ -8,13 +8,13 @@ from functools import cached_property, partial
 import numpy as np
 
 from cylforce.diagnosis.columns.floor import noise_floor
-from cylforce.diagnosis.columns.problem import Problem, Seen, looked_at
+from cylforce.diagnosis.columns.problem import Identified, Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
-from cylforce.diagnosis.inference.asking import Asking, noisy
+from cylforce.diagnosis.inference import candidates
+from cylforce.diagnosis.inference.asking import Asking, identified_floor, noisy
 from cylforce.diagnosis.inference.at_sizes import AtSizes
 from cylforce.diagnosis.inference.beam import screened, searched
-from cylforce.diagnosis.inference.candidates import hangs, joints_without_gap, quiet, showing, support
 from cylforce.diagnosis.inference.discrepancy import Sums
 from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
@@ -58,9 +58,11 @@ def examined(
     known: Array | None = None,
     only: tuple[str, str] | None = None,
     everyday: Mapping[str, float] = EVERYDAY,
+    identified: Identified | None = None,
 ) -> Found:
     """What may explain what the model leaves of the faulty recordings; `known` (P,): standard errors of the viewer's
-    tares, by default the data sheet's; `only`: name and place ("": any) of the one effect that may be a cause."""
+    tares, by default the data sheet's; `only`: name and place ("": any) of the one effect that may be a cause;
+    `identified`: accuracy of an identification, of a machine without references."""
     field, references = ([r.recorded if isinstance(r, Seen) else r for r in group] for group in (faulty, clean))
     jumps = jumping(viewer.model.machine, field, references, viewer.model.filters.rate_hz)
     wanted = asked(viewer.model.machine, library, jumps)
@@ -68,8 +70,8 @@ def examined(
     groups = (references, field) if jumps else (clean, faulty)  # what was seen lacks the columns of jumps
     seen = [looked_at(viewer, group, wanted) for group in groups]
     spread = np.sqrt(np.diag(viewer.model.prior.covariance)) if known is None else known
-    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares)
-    floor = noise_floor(problem)
+    problem = Problem(viewer.model, spread, wanted, seen[0], seen[1], tares=viewer.tares, identified=identified)
+    floor = identified_floor(viewer, problem, identified, rng) if identified else noise_floor(problem)
     watch("noise of the columns")
     question = Asking(viewer, problem, floor, noisy(viewer, problem, floor, rng)).believed
     return _Search(question, dict(everyday), only, watch, {j.proposal.where: j.nats for j in jumps}, rng).found()
@@ -120,7 +122,7 @@ class _Search:
             return self._first
         question = self._question
         recording = question.sums(question.problem.faulty, question.noisy.faulty)
-        return replace(self._with_step(question.problem, recording), told=support(question, self.jumps))
+        return replace(self._with_step(question.problem, recording), told=candidates.support(question, self.jumps))
 
     def _with_step(self, problem: Problem, recording: Sums) -> Inference:
         """A problem's recordings, by their statistics, with what the references show."""
@@ -143,9 +145,9 @@ class _Search:
     @cached_property
     def _candidates(self) -> list[int]:
         """The forms that may be a cause and show; where one effect only is asked, it may do so anywhere."""
-        unit = self.plain.problem.spread[: len(self._values)]
-        still = set() if self.only else quiet(self.plain, self._values * unit)
-        return showing(self._question, self._case, self._wanted(self._question), still)
+        wanted, unit = self._wanted(self._question), self.plain.problem.spread[: len(self._values)]
+        still = set() if self.only else candidates.quiet(self.plain, self._values * unit)
+        return candidates.showing(self._question, self._case, wanted, still)
 
     def found(self, beside: bool = True) -> Found:
         """Everything; `beside`: also what lasts beside what happens at moments."""
@@ -209,13 +211,7 @@ class _Search:
         """The recordings, of several, in which nothing but what lasts is found, each diagnosed by itself: they count in
         full beside those in which the machine works."""
         names = {seen.recorded.name for seen in self.plain.problem.faulty}
-        return frozenset(name for name in names if len(names) > 1 and self._of(name).idles)
-
-    def _of(self, name: str) -> "_Search":
-        """The same search in one of the recordings."""
-        other = replace(self, plain=self.plain.of(name))
-        other.__dict__["_machine"] = self._machine
-        return other
+        return frozenset(n for n in names if len(names) > 1 and self._in(candidates.recorded(self.plain, n)).idles)
 
     @property
     def idles(self) -> bool:
@@ -245,16 +241,16 @@ class _Search:
     def _put(self, question: Asking) -> Inference:
         """The question put to the field's rows that count."""
         recording = question.sums(question.problem.faulty, question.noisy.faulty)
-        return replace(self._machine.asked(recording), told=support(question, self.jumps))
+        return replace(self._machine.asked(recording), told=candidates.support(question, self.jumps))
 
     def _working(self, work: AtWork, idle: Hypothesis) -> Found:
         """What may be the cause beside loads and contact of which nothing is known. It is not looked at again at its
         size: where loads hang, what bends is small beside what its columns leave open."""
         gaps = work.same.rests(self._left(work.same), work.same.usual)
-        gap, still = float(np.max(gaps)), set() if self.only else joints_without_gap(gaps, np.ones(len(gaps)))
-        wanted = showing(self.plain, work.case, self._wanted(self.plain), still)
+        gap, still = float(np.max(gaps)), set() if self.only else candidates.joints_without_gap(gaps)
+        wanted = candidates.showing(self.plain, work.case, self._wanted(self.plain), still)
         if not self._idling:  # a recording in which nothing hangs shows masses in and on the tool
-            wanted = [p for p in wanted if not hangs(self.plain, self.plain.forms[p][0])]
+            wanted = [p for p in wanted if not candidates.hangs(self.plain, self.plain.forms[p][0])]
         lost = next((work.lost(idle, gap, p) for p in self.plain.problem.proposals if self._spills(p)), None)
         told = self._told_of(work.case, tuple(searched(work.case, wanted)), (lost.happened,) if lost else ())
         told, least, plain = replace(told, gap=gap), work.case.detectable(told.none.noise), (work.question, work.case)
@@ -270,7 +266,11 @@ class _Search:
 
     def _beside(self, blocks: Blocks) -> "_Search":
         """The same search where some blocks do not count."""
-        other = replace(self, plain=replace(self.plain, aside=blocks))
+        return self._in(replace(self.plain, aside=blocks))
+
+    def _in(self, plain: Asking) -> "_Search":
+        """The same search of the same machine with another question."""
+        other = replace(self, plain=plain)
         other.__dict__["_machine"] = self._machine
         return other
 

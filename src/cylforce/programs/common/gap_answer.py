@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.answer.causes import Cause, Suspect
+from cylforce.diagnosis.answer.causes import WIDE, Cause, Suspect, interval
 from cylforce.diagnosis.answer.shrinkage import Gap, written
 from cylforce.diagnosis.answer.verdict import Judged, Named, Search, Verdict
 from cylforce.diagnosis.answer.where import Spot
@@ -21,7 +21,6 @@ from cylforce.signals.units import BAR
 CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # of the energy that a lag takes away, at least
 SUREST = 0.99
 FEW = 3  # causes of which none stands out, that are told
-WIDE = 1.6449  # standard errors of a 90 % interval
 CONFIRM = {  # whether a shape of what is left is real
     "speed": "move the {at} alone at five speeds, both ways: does it follow the same curve?",
     "position": "move the {at} alone, slowly, thrice through its range and back: does it return at the same angles?",
@@ -71,7 +70,7 @@ def _gap(search: Search, judged: Judged, gap: Gap) -> dict[str, Any]:
         "parameter_shift": _shifts(search, gap),
         "joints": _joints(search, gap),
         "bar": _bars(search, gap),
-        "simulated": [_place(cause, judged) for cause in written(search, judged)],
+        "simulated": [_place(cause, judged) for cause in written(judged)],
     }
 
 
@@ -265,10 +264,8 @@ def _effect(named: Named, gap: Gap) -> dict[str, Any]:
 
 def parameters(cause: Cause) -> dict[str, dict[str, Any]]:
     """Sizes with their 90 % intervals."""
-    about = cause.proposal.about
-    error = float(np.sqrt(np.mean(cause.errors[:, : about.axes] ** 2)))
-    value = cause.size if about.axes > 1 or len(cause.sizes) > 1 else float(cause.sizes[0, 0])
-    return {"size": {"value": value, "low": value - WIDE * error, "high": value + WIDE * error, "unit": about.unit}}
+    value, low, high = interval(cause)
+    return {"size": {"value": value, "low": low, "high": high, "unit": cause.proposal.about.unit}}
 
 
 def _hidden(search: Search) -> list[dict[str, Any]]:

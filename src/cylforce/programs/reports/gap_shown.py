@@ -57,7 +57,7 @@ class Shown(NamedTuple):
 def shown(search: Search, judged: Judged, gap: Gap) -> Shown:
     """What is drawn of a diagnosis; of a machine at work nothing as simulated."""
     judged = judged._replace(named=()) if search.working else judged
-    causes = written(search, judged)
+    causes = written(judged)
     simulation = Simulation(search, causes)
     stages = [gap.nominal, *(simulation.left(causes[:k]) for k in range(1, len(causes))), *([gap.left] * bool(causes))]
     labels = ("parameters refitted", *(f"+ {readable(cause.key)}" for cause in causes), "noise floor")

@@ -31,7 +31,8 @@ class Words(NamedTuple):
 
 
 HIGH, LOW = "too high", "too low"
-MORE, LESS = "more than before", "less than before"
+BEFORE, ON_SHEET = "than before", "than on its data sheet"  # what a machine is compared with
+MORE, LESS = "more {}", "less {}"
 WORDS: dict[str, Words] = {
     "coulomb_friction": Words("changed dry friction in {}", MORE, LESS, cylinder=True),
     "viscous_friction": Words("changed friction with speed in {}", MORE, LESS, cylinder=True),
@@ -39,8 +40,8 @@ WORDS: dict[str, Words] = {
     "stribeck": Words("extra friction at creeping speed in {}", cylinder=True),
     "load_dependent_friction": Words(
         "changed friction under load in {}",
-        "of the cylinder's force more than before",
-        "of the cylinder's force less than before",
+        "of the cylinder's force more {}",
+        "of the cylinder's force less {}",
         cylinder=True,
     ),
     "asymmetric_friction": Words("friction that changed in one direction of {}", MORE, LESS, cylinder=True),
@@ -130,15 +131,16 @@ def _signal(machine: Machine, at: str) -> Signal | None:
     return next((signal for signal in machine.signals if signal.name == at), None)
 
 
-def amount(machine: Machine, effect: dict[str, Any]) -> str:
-    """How much, and between which bounds with 90 %; nothing for what has no size that says something."""
+def amount(machine: Machine, effect: dict[str, Any], than: str = BEFORE) -> str:
+    """How much, and between which bounds with 90 %; nothing for what has no size that says something. `than`: what the
+    machine is compared with."""
     size, unit = effect["parameters"]["size"], effect["parameters"]["size"]["unit"]
     if effect["name"] in SILENT or "sensors" in effect:  # of clocks, it is said when they are how far apart
         return ""
     told, factor = _told(machine, effect, unit)
     value, low, high = (size[key] * factor for key in ("value", "low", "high"))
     words = WORDS.get(effect["name"], Words(""))
-    way = words.more if value > 0.0 else words.less
+    way = (words.more if value > 0.0 else words.less).format(than)
     if way and value < 0.0:
         value, low, high = -value, -high, -low
     ways = {1.0: ", while it extends", -1.0: ", while it retracts"}

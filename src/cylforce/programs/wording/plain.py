@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 from cylforce.diagnosis.answer.verdict import Verdict
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.wording.fault_words import amount, fault, number
+from cylforce.programs.wording.fault_words import BEFORE, ON_SHEET, amount, fault, number
+from cylforce.programs.wording.parameter_words import parameter
 
 MOST = 0.6  # of a joint's difference, from which on a sentence says when it shows; as for shapes
 MOST_WHEN = 2  # circumstances that are told
@@ -54,6 +55,8 @@ class Plain(NamedTuple):
 def plain(machine: Machine, answer: dict[str, Any]) -> Plain:
     """What is wrong, how much, where, how sure, what else it may be, what it does, how much is explained, the next
     step."""
+    if "identify_first" in answer:
+        return _identify_first(machine, answer)
     points = (
         Paragraph("How much", _sizes(machine, answer)),
         Paragraph("Where", _where(answer)),
@@ -67,6 +70,29 @@ def plain(machine: Machine, answer: dict[str, Any]) -> Plain:
     return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
 
 
+def _identify_first(machine: Machine, answer: dict[str, Any]) -> Plain:
+    """The answer where the model's own parameters come before any fault."""
+    told = answer["identify_first"]
+    points = (
+        Paragraph("What differs", _sizes(machine, answer, ON_SHEET) or _changes(told["parameters"])),
+        Paragraph("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
+        Paragraph(NEXT, _next(answer)),
+    )
+    return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
+
+
+def _changes(parameters: list[dict[str, Any]]) -> Lines:
+    """The parameters that change most, by name, with their values in the model and in the recordings."""
+    return tuple(
+        sentence(f"{parameter(p['name'])}: {number(p['before'])} {p['unit']} in the model, {number(p['after'])} here")
+        for p in parameters
+    )
+
+
+IDENTIFY_FIRST = (
+    "Identify the machine first: {because}. Fitting the model's masses and friction to these recordings alone removes "
+    "{share} of the difference"
+)
 HEADLINES = {
     Verdict.NO_GAP: "No fault found: these recordings differ from the model no more than is normal for this machine",
     Verdict.EXPLAINED: "{found}",
@@ -89,6 +115,9 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
     """The verdict in a sentence."""
     if "gap" not in answer and not answer["effects"]:
         return f"Nothing can be concluded: {answer['reason']}."
+    if "identify_first" in answer:
+        first = answer["identify_first"]
+        return f"{IDENTIFY_FIRST.format(because=first['because'], share=percent(first['share']))}."
     told = answer.get("unknown")
     words = {
         "found": _found(machine, answer),
@@ -130,14 +159,17 @@ def _either(machine: Machine, effect: dict[str, Any]) -> str:
     return " or ".join(fault(machine, e["name"], e["at"]) for e in each)
 
 
-def _sizes(machine: Machine, answer: dict[str, Any]) -> Lines:
-    return tuple(filter(None, (_size(machine, e, len(answer["effects"]) > 1) for e in answer["effects"])))
+def _sizes(machine: Machine, answer: dict[str, Any], than: str = BEFORE) -> Lines:
+    """How large the causes are; which one, where there are several or the headline names none."""
+    with_names = len(answer["effects"]) > 1 or than == ON_SHEET
+    return tuple(filter(None, (_size(machine, e, with_names, than) for e in answer["effects"])))
 
 
-def _size(machine: Machine, effect: dict[str, Any], several: bool) -> str:
-    """How large one cause is; where there are several, which one."""
-    told = ", ".join(filter(None, (amount(machine, effect), effect["when"])))
-    name = f"{fault(machine, effect['name'], effect['at'])}: " if several else ""
+def _size(machine: Machine, effect: dict[str, Any], with_name: bool, than: str) -> str:
+    """How large one cause is."""
+    told = ", ".join(filter(None, (amount(machine, effect, than), effect["when"])))
+    name = f"{fault(machine, effect['name'], effect['at'])}: " if with_name else ""
+    name = name.removeprefix("changed ") if than == ON_SHEET else name  # nothing changed: the sheet did not know it
     return sentence(name + told) if told else ""
 
 
