@@ -9,6 +9,8 @@ import pytest
 from cylforce.diagnosis.answer import shrinkage
 from cylforce.diagnosis.answer.fitting import Fitting
 from cylforce.diagnosis.answer.located import insisted, located, next_cause, usual
+from cylforce.diagnosis.answer.objections import of_simulation, weight_floor
+from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.shrinkage import gap, tried, written
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
@@ -397,3 +399,69 @@ def test_what_no_force_at_the_teeth_explains(friction):
     assert unforced(question, torque, none) > 0.5
     rows = [np.arange(len(e)) for e in torque]
     assert unforced(question, torque, rows) == 1.0  # nothing to explain
+
+
+def named_so(friction, **changes) -> tuple[Search, Judged]:
+    """The named cause with some values of it changed."""
+    found, verdict = friction
+    cause = verdict.named[0].cause._replace(**changes)
+    return found._replace(causes=(cause,)), verdict._replace(named=(verdict.named[0]._replace(cause=cause),))
+
+
+def test_a_magnitude_at_its_bound_or_an_interval_with_zero_is_not_named(friction):
+    """Bucket linkages of 52 mm, the largest there are, were named on machines whose bucket shows no gap."""
+    found, verdict = friction
+    cause, rng = verdict.named[0].cause, np.random.default_rng(1)
+    column = found.question.forms[cause.form][1]
+    for changes, said in (
+        ({"sizes": plausible(column, np.array([2.0 * BEYOND * column.high]))[None]}, "largest plausible"),
+        ({"errors": np.abs(cause.sizes)}, "contains zero"),
+    ):
+        for working in (False, True):
+            search, wrong = named_so(friction, **changes)
+            _, after, _, doubt = tried(search._replace(working=working), wrong, rng)
+            assert after.named == ()
+            assert after.verdict is (Verdict.NOT_OBSERVABLE if working else Verdict.UNKNOWN)
+            assert doubt.startswith("coulomb_friction@stick: ")
+            assert said in doubt
+
+
+def test_a_closure_that_is_not_known_refutes(friction, monkeypatch):
+    """NaN is less than nothing, and counted as closed."""
+    monkeypatch.setattr(shrinkage, "closure", lambda *_: (np.nan, (np.nan, np.nan)))
+    _, after, _, doubt = tried(*friction, np.random.default_rng(1))
+    assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
+    assert "hardly comes nearer" in doubt
+
+
+def test_a_cause_that_makes_a_joint_or_the_weight_worse_is_not_named(friction):
+    """A joint that a cause left 2.4 times worse was printed, and not questioned."""
+    found, verdict = friction
+    causes, floor = written(verdict), found.question.floor.rms
+    usual = [np.broadcast_to(floor, seen.rows.left.shape) for seen in found.original.faulty]
+    assert of_simulation(found, causes, usual, usual) == ""
+    within, beyond = ([e * [1.0, 1.0, x] for e in usual] for x in (1.29, 2.4))
+    assert of_simulation(found, causes, usual, within) == ""
+    assert "the bucket differs more from the recordings than before" in of_simulation(found, causes, usual, beyond)
+    # before: as much torque that weighs nothing, for it changes its sign half-way
+    heavy = 2.0 * weight_floor(found.original, floor)
+    mass = INCIDENTAL.index("load.mass")
+    after = [heavy * seen.rows.incidental[..., mass] for seen in found.original.faulty]
+    before = [e * np.where(np.arange(len(e)) < len(e) / 2, 1.0, -1.0)[:, None] for e in after]
+    assert "weights are more wrong" in of_simulation(found, causes, before, after)
+    assert of_simulation(found, causes, after, before) == ""
+
+
+def test_what_is_simulated_beside_nothing_else_is_what_is_named(friction):
+    """Causes that were not sure enough to be named stood in patch and simulation all the same."""
+    found, verdict = friction
+    first = verdict.named[0].cause
+    proposal = next(p for p in found.original.proposals if (p.name, p.at) == ("coulomb_friction", "bucket"))
+    form = next(k for k, (p, _) in enumerate(found.question.forms) if p is proposal)
+    columns = tuple(found.original.places[found.original.proposals.index(proposal)])
+    beside = first._replace(proposal=proposal, form=form, columns=columns, probability=0.3)
+    both = found._replace(causes=(first, beside), fit=replace(found.fit, which=(first.form, form)))
+    search, after, size, _ = tried(both, verdict, np.random.default_rng(1))
+    assert [c.key for c in written(after)] == [n.cause.key for n in after.named] == [first.key]
+    assert [block["name"] for block in patch(search, written(after))] == [first.key[0]]
+    assert not size.refuted

@@ -230,3 +230,24 @@ def test_moments_that_do_not_count_are_told_without_jargon(incident):
     assert not JARGON.search(told)
     assert incident is None or fault(MACHINE, *incident) in told
     assert left_aside(MACHINE, 0.0, incident) == ""
+
+
+def test_without_references_no_sentence_speaks_of_them():
+    answer = answered("not_observable") | {"working": False, "calibrated": False}
+    assert "they differ from the identified model, but so may" in text(answer)
+    assert "reference" not in text(answer)
+
+
+def test_where_the_machine_was_not_identified_that_comes_first():
+    """Nobody knows what was before, and no probability of a fault means anything."""
+    known = {"because": "nobody has identified this machine", "share": 0.953, "parameters": []}
+    size = {"value": 4100.0, "low": 3900.0, "high": 4300.0, "unit": "N"}
+    said = text(answered("explained", effect("coulomb_friction", "stick", size)) | {"identify_first": known})
+    assert said.startswith("Identify the machine first: nobody has identified this machine.")
+    assert "alone removes 95 % of the difference" in said
+    assert "Dry friction in the stick cylinder: 4100 N more than on its data sheet" in said
+    assert "before" not in said
+    assert "How sure" not in said
+    known |= {"parameters": [{"name": "boom.X"}, {"name": "stick.coulomb"}]}
+    said = text(answered("not_observable") | {"identify_first": known})
+    assert "First moment along the link of the boom; dry friction of the stick." in said

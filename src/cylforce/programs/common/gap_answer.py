@@ -147,7 +147,8 @@ def reason(search: Search, spots: Sequence[Spot]) -> str:
     if not search.working:
         at = " and ".join(dict.fromkeys(spot.channel for spot in spots if spot.found))
         at = f" at the {at}" if at else ""
-        return f"the torques{at} differ from the references', but in order may, too, in another motion"
+        of = "the references'" if search.original.clean else "the identified model's"
+        return f"the torques{at} differ from {of}, but in order may, too, in another motion"
     told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
     most = f"; the most probable: {', '.join(told)}" if told and search.original.clean else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"

@@ -82,11 +82,8 @@ def _identify_first(machine: Machine, answer: dict[str, Any]) -> Plain:
 
 
 def _changes(parameters: list[dict[str, Any]]) -> Lines:
-    """The parameters that change most, by name, with their values in the model and in the recordings."""
-    return tuple(
-        sentence(f"{parameter(p['name'])}: {number(p['before'])} {p['unit']} in the model, {number(p['after'])} here")
-        for p in parameters
-    )
+    """The parameters that make most of the difference, by name: their values are for an identification to find."""
+    return (sentence("; ".join(parameter(each["name"]) for each in parameters)),)
 
 
 IDENTIFY_FIRST = (
@@ -104,9 +101,11 @@ HEADLINES = {
     ),
 }
 UNLIKE = (
-    "These recordings do not suffice: they differ from the references, but so may a machine in order that moves "
-    "otherwise than in its references"
+    "These recordings do not suffice: they differ from {normal}, but so may a machine in order that moves otherwise than "
+    "in {known}"
 )
+REFERENCES = {"normal": "the references", "known": "its references"}
+IDENTIFIED = {"normal": "the identified model", "known": "the recordings of its identification"}
 UNDECIDED = "Something is wrong{there}; which fault it is cannot be said yet{shape}"
 SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault whose size could be told
 
@@ -126,7 +125,7 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
     }
     said = UNDECIDED if _undecided(answer) else HEADLINES[Verdict(answer["verdict"])]
     if answer["verdict"] == Verdict.NOT_OBSERVABLE and not answer["working"]:
-        said = UNLIKE
+        said = UNLIKE.format(**(REFERENCES if answer.get("calibrated", True) else IDENTIFIED))
     return f"{said.format(**words)}."
 
 
