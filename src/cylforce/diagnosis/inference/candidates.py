@@ -49,7 +49,8 @@ def recorded(question: Asking, name: str) -> Asking:
     problem, noisy, aside = question.problem, question.noisy, question.aside
     kept = [k for k, seen in enumerate(problem.faulty) if seen.recorded.name == name]
     faulty = tuple(problem.faulty[k] for k in kept)
-    noise = Noisy(noisy.clean, *(tuple(each[k] for k in kept if k < len(each)) for each in noisy[1:]))
+    twins = tuple(noisy.twins[k] for k in kept if k < len(noisy.twins))
+    noise = Noisy(noisy.clean, tuple(noisy.faulty[k] for k in kept), twins)
     blocks = None if aside is None else np.concatenate([aside[slice(*problem.spans[k])] for k in kept])
     return replace(question, problem=replace(problem, faulty=faulty), noisy=noise, aside=blocks, step=None)
 
