@@ -120,6 +120,7 @@ EFFECT = {
     "shape": {},
     "confidence": N,
     "confused_with": [],
+    "same_as": [],
     "share": N,
     "removed_nm": N,
     "evidence_nats": N,

@@ -8,15 +8,17 @@ import pytest
 
 from cylforce.diagnosis.answer import shrinkage
 from cylforce.diagnosis.answer.fitting import Fitting
-from cylforce.diagnosis.answer.located import insisted, located, usual
+from cylforce.diagnosis.answer.located import insisted, located, next_cause, usual
 from cylforce.diagnosis.answer.objections import of_simulation, weight_floor
 from cylforce.diagnosis.answer.patch import patch
 from cylforce.diagnosis.answer.shrinkage import gap, tried, written
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
 from cylforce.diagnosis.inference import search
-from cylforce.diagnosis.inference.posterior import NOTHING
-from cylforce.diagnosis.inference.residuals import FOLDS, STEADY, unforced
+from cylforce.diagnosis.inference.candidates import quiet, showing
+from cylforce.diagnosis.inference.found import Found
+from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
+from cylforce.diagnosis.inference.residuals import FOLDS, STEADY, clean, unforced
 from cylforce.diagnosis.inference.search import examined
 from cylforce.diagnosis.inference.sizes import plausible
 from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, places
@@ -34,20 +36,32 @@ def reference() -> Reference:
     return as_it_was()
 
 
-def concluded(reference: Reference, effects: tuple[Imposed, ...] = (), change=None) -> tuple[Search, Judged]:
-    """What is found in recordings of the machine with effects switched on, or with values changed."""
+def looked_for(reference: Reference, effects: tuple[Imposed, ...] = (), change=None) -> Found:
+    """Everything found in recordings of the machine with effects switched on, or with values changed."""
     field = recordings(2, effects)
     if change:
         field = [r._replace(values=change(r.values)) for r in field]
-    everything = examined(reference.viewer, field, reference.clean, np.random.default_rng(1))
+    return examined(reference.viewer, field, reference.clean, np.random.default_rng(1))
+
+
+def concluded(reference: Reference, effects: tuple[Imposed, ...] = (), change=None) -> tuple[Search, Judged]:
+    """The conclusion from all of that."""
+    everything = looked_for(reference, effects, change)
     found = searched(everything)
     return found, judged(everything, found)
 
 
 @pytest.fixture(scope="module")
-def friction(reference) -> tuple[Search, Judged]:
+def everything(reference) -> Found:
     """Of a machine whose stick has more friction."""
-    return concluded(reference, (imposed(MACHINE, "coulomb_friction", "stick", 2000.0),))
+    return looked_for(reference, (imposed(MACHINE, "coulomb_friction", "stick", 2000.0),))
+
+
+@pytest.fixture(scope="module")
+def friction(everything) -> tuple[Search, Judged]:
+    """The conclusion from it."""
+    found = searched(everything)
+    return found, judged(everything, found)
 
 
 def test_a_machine_in_order_is_never_surely_out_of_order(reference):
@@ -134,6 +148,43 @@ def test_a_named_cause_is_simulated_and_dropped_if_that_does_not_help(friction):
     assert (after.verdict, after.named) == (Verdict.UNKNOWN, ())
     assert "coulomb_friction@stick" in doubt
     np.testing.assert_allclose(size.after, size.fixed)
+
+
+def test_no_cause_that_lasts_is_asked_at_a_joint_without_a_gap(everything):
+    """It would show there, however much evidence of it adds up over the recordings."""
+    question, case = everything.question, everything.case
+    found = searched(everything)
+    still = quiet(question, found.at_rest((), found.fit.whole, clean(question).values))
+    assert still == {0, 2}  # boom and bucket
+    forms = range(len(question.forms))
+    assert showing(question, case, forms, set()) == list(forms)
+    asked = {question.forms[k][1][:2] for k in showing(question, case, forms, still)}
+    assert ("coulomb_friction", "stick") in asked
+    assert {("clock_fault", "machine"), ("angle_offset", "stick_angle")} <= asked
+    assert asked.isdisjoint(
+        {("coulomb_friction", "boom"), ("coulomb_friction", "bucket"), ("linkage_geometry", "bucket")}
+    )
+    assert {everything.asked.key(p) for h in everything.asked.hypotheses for p in h.which} <= {*asked, UNKNOWN}
+
+
+def test_after_a_refutation_the_next_cause_is_asked(everything, friction):
+    """Its probability is that without the refuted one; where no other cause is named, the gap stays unexplained."""
+    (found, verdict), rng, true = friction, np.random.default_rng(1), ("coulomb_friction", "stick")
+    rival = next(c.key for c in found.first if c.known and c.key != true)
+    wrong = Judged(Verdict.UNKNOWN, (), verdict.explained, (rival,))
+    search, after, size, doubt = next_cause(everything, (found, wrong, gap(found, (), rng), "refuted"), rng)
+    assert [n.cause.key for n in after.named] == [true]
+    assert (after.refuted, doubt) == ((rival,), "refuted")
+    assert size.after[1] < 0.5 * size.fixed[1]
+    assert rival not in search.belief.of
+    assert sum(search.belief.of.values()) == pytest.approx(1.0)
+    wrong = wrong._replace(refuted=(true,))
+    search, after, _, _ = next_cause(everything, (found, wrong, gap(found, (), rng), "refuted"), rng)
+    assert true not in {n.cause.key for n in after.named} | set(search.belief.of)
+    assert after.named or after.verdict is Verdict.UNKNOWN
+    assert after.refuted[0] == true
+    tested = tried(found, verdict, rng)
+    assert next_cause(everything, tested, rng) == tested
 
 
 def test_one_wrong_cause_beside_it_does_not_withdraw_the_first(friction):

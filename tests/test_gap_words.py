@@ -70,6 +70,12 @@ def text(answer):
     return " ".join([said.headline, *(f"{p.title}: {' '.join(p.lines)}" for p in said.points)])
 
 
+def test_two_causes_that_are_one_answer_are_said_together():
+    mass = effect("extra_mass", "boom", {"value": 80.0, "low": 70.0, "high": 90.0, "unit": "kg"})
+    said = text(answered("explained", mass | {"same_as": [{"name": "first_moment_change", "at": "boom"}]}))
+    assert "Very probably extra mass on the boom or a shifted centre of gravity of the boom." in said
+
+
 def test_a_cause_is_said_with_all_that_a_mechanic_asks():
     said = text(answered("explained", effect()))
     for part in (

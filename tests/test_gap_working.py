@@ -137,3 +137,21 @@ def test_at_work_no_gap_and_something_unknown_are_not_observable():
     found = replace(examined(reference.viewer, recordings(SEED), reference.clean, rng), working=True)
     told = judged(found, searched(found, at_work=CALIBRATION))
     assert (told.verdict, told.named) == (Verdict.NOT_OBSERVABLE, ())
+
+
+def test_a_check_up_beside_a_working_recording_counts_in_full():
+    """Work is a property of each recording. Beside an unknown load a mass on the tool cannot be seen, and was not even
+    asked; a check-up with an empty bucket shows it, whatever the other recording is of."""
+    reference, true = as_it_was(), ("extra_mass", "bucket")
+    effect = imposed(MACHINE, *true, (80.0, 0.0, 0.0, 0.0))
+    check_up = recordings(SEED, (effect,))[0]._replace(name="check-up")
+    work = at_work(recordings(SEED + 1, (effect,))[0], np.random.default_rng(SEED))._replace(name="work")
+
+    def nats(*field):
+        rng = np.random.default_rng(SEED)
+        found = examined(reference.viewer, list(field), reference.clean, rng, only=true)
+        return found.working, found.asked.alone[true][0] - found.asked.none.log
+
+    alone, both = nats(check_up), nats(work, check_up)
+    assert (alone[0], both[0]) == (False, True), f"seed {SEED}"
+    assert both[1] > 0.9 * alone[1], f"seed {SEED}: {both[1]:.0f} nats instead of {alone[1]:.0f}"

@@ -59,6 +59,7 @@ MASS = 0.9  # probability that the set of causes holds
 HALF = 0.5  # of the gap's energy beyond the floor: what a hypothesis must explain to be one, the most of it
 SLIGHT = 0.3  # of the gap's energy: what is named must take away that much when it is simulated, as far as can be told
 SELDOM = 0.4  # of all blocks: contact in more of them is the machine's work, and no effect of its own
+ALIKE = 3.0  # nats: a mass and a first moment of one link that differ by less are one answer (convention: odds of 20)
 GAP = 2.0  # times the floor, rms: a gap that is never called none
 LAW = 0.2  # of a torque: how far the true law may be from the one written (as `About.form` of friction: convention)
 

@@ -15,7 +15,7 @@ from cylforce.diagnosis.columns.floor import fitted_tares
 from cylforce.diagnosis.columns.problem import Identified
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
-from cylforce.diagnosis.inference.found import Found
+from cylforce.diagnosis.inference.found import Found, one_answer
 from cylforce.diagnosis.inference.idle import idle
 from cylforce.diagnosis.inference.search import examined
 from cylforce.diagnosis.numbers import GAP
@@ -102,7 +102,7 @@ def _diagnosed(
     usual = _daily(loaded, question)
     everything = examined(viewer, faulty, clean, rng, library, _watched(watch), known, only, usual, own.identified)
     watch("causes", None)
-    verdict = judged(everything := decided(everything), found := searched(everything))
+    verdict = judged(everything := one_answer(decided(everything)), found := searched(everything))
     if late and not _by_clock(verdict):
         return _off_clock(late)
     seconds = sum(int(np.sum(np.isfinite(seen.rows.left))) for seen in found.original.faulty) / viewer.rows_hz

@@ -7,26 +7,53 @@ import numpy as np
 from cylforce.diagnosis.answer.shrinkage import Gap, tried
 from cylforce.diagnosis.answer.verdict import Judged, Search, Verdict, judged, searched
 from cylforce.diagnosis.answer.where import Spot
-from cylforce.diagnosis.inference.found import Found
+from cylforce.diagnosis.inference.found import Found, without
 from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
-from cylforce.diagnosis.numbers import GAP, SAME
+from cylforce.diagnosis.inference.residuals import without_gap
+from cylforce.diagnosis.numbers import GAP
+
+Tested = tuple[Search, Judged, Gap, str]  # what is believed, the verdict, the gap once simulated, a warning
+
+
+def next_cause(everything: Found, tested: Tested, rng: np.random.Generator, surely: bool = False) -> Tested:
+    """Return the answer with the most probable cause that its simulation does not refute.
+
+    A refuted cause is withdrawn, and the probabilities of the others are renormalised. Where nothing is named among
+    these, the gap stays unexplained: a wrong law of one effect is no sign of a healthy machine.
+    surely: whether "no gap" is excluded
+    """
+    search, verdict, size, warning = tested
+    while verdict.refuted and not verdict.named:
+        everything = without(everything, verdict.refuted[-1])
+        search = searched(everything, surely=surely)
+        asked = judged(everything, search)
+        if not asked.named:
+            return search, verdict, size, warning
+        search, after, size, more = tried(search, asked, rng)
+        verdict = after._replace(refuted=(*verdict.refuted, *after.refuted))
+        warning = "; ".join(filter(None, (warning, more)))
+        tested = search, verdict, size, warning
+    return tested
 
 
 def insisted(
     everything: Found,
-    tested: tuple[Search, Judged, Gap, str],
+    tested: Tested,
     plain: Gap,
     spots: Sequence[Spot],
     rng: np.random.Generator,
-) -> tuple[Search, Judged, Gap, str]:
+) -> Tested:
     """What is believed, the verdict, the gap and a warning, once it is known where the gap without any effect, `plain`,
     is: at a joint that differs from what is normal and leaves twice the floor there surely is one."""
-    search, *_ = tested
+    tested = next_cause(everything, tested, rng)
+    search, before, *_ = tested
     large = {spot.channel for spot in spots if spot.found} & _beyond(search, plain)
     if not large or search.working or not search.original.clean or search.belief.of.get(NOTHING, 0.0) <= 0.0:
         return tested
+    for refuted in before.refuted:
+        everything = without(everything, refuted)
     sure = searched(everything, surely=True)
-    return tried(sure, judged(everything, sure), rng)
+    return next_cause(everything, tried(sure, judged(everything, sure), rng), rng, surely=True)
 
 
 def _beyond(search: Search, size: Gap) -> set[str]:
@@ -62,7 +89,7 @@ def usual(search: Search, size: Gap) -> bool:
         or not all(c.lasts and not c.proposal.clock for c in search.causes)
     ):
         return False
-    return not np.any(size.fixed**2 > (1.0 + SAME) * size.floor**2)
+    return bool(np.all(without_gap(size.fixed, size.floor)))
 
 
 def none(search: Search) -> Search:

@@ -88,7 +88,7 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Sea
     if not size.refuted:
         partly = judged.verdict is Verdict.EXPLAINED and size.partial
         return search, judged._replace(verdict=Verdict.PARTLY) if partly else judged, size, ""
-    nothing = Judged(Verdict.UNKNOWN, (), judged.explained)
+    nothing = Judged(Verdict.UNKNOWN, (), judged.explained, (judged.named[0].cause.key,))
     return search, nothing, gap(search, (), rng), size.objection
 
 
@@ -96,7 +96,7 @@ def _at_work(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[
     """The same of a machine at work, of which only the magnitude may speak against what is named."""
     against = objections.of_magnitude(search, written(judged))
     if against:
-        judged = Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
+        judged = Judged(Verdict.NOT_OBSERVABLE, (), 0.0, (judged.named[0].cause.key,))
     return search, judged, gap(search, (), rng), against or (AT_WORK if judged.named else "")
 
 

@@ -76,20 +76,24 @@ class Search(NamedTuple):
 
 
 class Named(NamedTuple):
-    """A cause that is named, its `confidence`, its share of the gap's energy, and what it might be `confused` with."""
+    """A cause that is named, its `confidence`, its share of the gap's energy, and what it might be `confused` with;
+    `same`: another cause that is the same answer, if there is one."""
 
     cause: Cause
     confidence: float
     share: float
     confused: tuple[Suspect, ...]
+    same: Key | None = None
 
 
 class Judged(NamedTuple):
-    """The verdict, the causes named, largest first, and the share of the gap's energy that they explain."""
+    """The verdict, the causes named, largest first, and the share of the gap's energy that they explain; `refuted`:
+    causes that their simulation refutes."""
 
     verdict: Verdict
     named: tuple[Named, ...]
     explained: float
+    refuted: tuple[Key, ...] = ()
 
 
 def searched(
@@ -107,7 +111,7 @@ def searched(
 def judged(found: Found, search: Search) -> Judged:
     """The answer that costs least."""
     belief, told = search.belief, found.asked
-    named = _named(search)
+    named = tuple(n._replace(same=found.same.get(n.cause.key)) for n in _named(search))
     cost = costs(belief, *((named[0].confidence, [c.probability for c in named[0].confused]) if named else (0.0, ())))
     verdict = min(cost, key=lambda v: cost[v])
     if found.working and verdict in (Verdict.NO_GAP, Verdict.UNKNOWN):  # loads and contact may hide either

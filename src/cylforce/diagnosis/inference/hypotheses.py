@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dpotri
 
 from cylforce.diagnosis.inference.discrepancy import Moments, Scatter, Sums, log_prior, settled_noise
 from cylforce.diagnosis.inference.sizes import WIDE, Fitted, Marginal, Terms, beside, log_size, positive
-from cylforce.diagnosis.numbers import HOLDS, SAME, STEADY
+from cylforce.diagnosis.numbers import HOLDS, SAME, SIGMAS, STEADY
 from cylforce.signals.estimate import Array
 
 ROUNDS = 12  # at most, in which noise and what is left are told in turns
@@ -234,8 +234,29 @@ class Inference:
 
     def rest(self, left: Array, noise: Scatter | None = None) -> float:
         """What is left at the worst joint, of the floor (rms); with `noise` beside what happens at moments."""
+        return float(np.max(self.rests(left, noise)))
+
+    def rests(self, left: Array, noise: Scatter | None = None) -> Array:
+        """The same of every joint (R,)."""
         energy = np.einsum("i,rij,j->r", left, self.sums.whole, left)
         if self.moments and noise is not None:
             white, smooth = self.moments.energies(left, noise)
             energy = np.maximum(energy + white + np.sum(smooth, axis=1), 0.0)
-        return float(np.sqrt(np.max(energy / np.maximum(self.sums.rows, 1.0))))
+        return np.asarray(np.sqrt(energy / np.maximum(self.sums.rows, 1.0)))
+
+    def detectable(self, noise: Scatter) -> dict[tuple[str, str], float]:
+        """Return the smallest detectable size of every effect at every place, of its most telling form."""
+        state, found = self.state(noise), dict[tuple[str, str], float]()
+        for form in self.scene.forms:
+            k = form.columns[0]
+            told = float(state.information([k])[0, 0])
+            error = float(self.scene.spread[k]) * told**-0.5 if told > 0.0 else np.inf
+            key = (form.name, form.at)
+            found[key] = min(SIGMAS * error, found.get(key, np.inf))
+        return found
+
+    def shows_at(self, form: int) -> set[int]:
+        """Return the joints (from 0) at which the columns of a form are largest against the floor, one of each."""
+        own = list(self.scene.forms[form].columns)
+        energy = self.sums.whole[:, own, own] / np.maximum(self.sums.rows, 1.0)[:, None]
+        return set(np.argmax(energy, axis=0).tolist())

@@ -136,9 +136,7 @@ class Asked:
 
     @cached_property
     def _names(self) -> int:
-        return len(
-            {p.name for p in self.forms if p.name != UNKNOWN[0]} | {h.key[0] for h in self.happened} - {"unknown"}
-        )
+        return len({*(p.name for p in self.forms), *(h.key[0] for h in self.happened)} - {UNKNOWN[0]})
 
     @cached_property
     def prior(self) -> dict[int, float]:
@@ -256,7 +254,8 @@ def believed(asked: Asked) -> Belief:
         found[key] = found.get(key, 0.0) + weight * usual
         found[UNKNOWN] += weight * (1.0 - usual)
     for happened, weight in zip(asked.happened, asked.weights[len(asked.hypotheses) :], strict=True):
-        named = happened.busy <= SELDOM and asked.share(happened.rest) >= HALF
+        works = happened.key[0] == CONTACT and happened.busy > SELDOM  # a house may slew all the time
+        named = not works and asked.share(happened.rest) >= HALF
         key = NOTHING if asked.slight(happened) else happened.key if named else UNKNOWN
         shares = asked.beforehand if asked.tells_nothing(happened) else {key: 1.0}
         found |= {k: found.get(k, 0.0) + weight * share for k, share in shares.items()}

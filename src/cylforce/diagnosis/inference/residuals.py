@@ -13,6 +13,7 @@ from cylforce.diagnosis.columns.problem import Problem, Seen
 from cylforce.diagnosis.columns.rows import BLOCK
 from cylforce.diagnosis.columns.whitening import ORDER, Floor
 from cylforce.diagnosis.inference.asking import Asking
+from cylforce.diagnosis.numbers import SAME
 from cylforce.effects.fault import INCIDENTAL
 from cylforce.signals.estimate import Array
 
@@ -93,6 +94,14 @@ def rms(each: Sequence[Array]) -> Array:
     whole = np.concatenate(each)
     good = np.isfinite(whole)
     return np.asarray(np.sqrt(np.sum(np.where(good, whole, 0.0) ** 2, axis=0) / np.maximum(np.sum(good, axis=0), 1)))
+
+
+def without_gap(residual: Array, floor: Array | float) -> Blocks:
+    """Return which joints (R,) have no gap: a residual no larger than references leave of each other.
+
+    residual, floor: rms (R,) in the same unit, of the field and of the references
+    """
+    return np.asarray(residual**2 <= (1.0 + SAME) * floor**2)
 
 
 def refitted(question: Asking, nominal: Sequence[Array]) -> tuple[list[Array], Array]:

@@ -11,6 +11,7 @@ from cylforce.diagnosis.columns.floor import noise_floor
 from cylforce.diagnosis.columns.problem import Identified, Problem, Seen, looked_at
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.diagnosis.columns.rows import Viewer
+from cylforce.diagnosis.inference import candidates
 from cylforce.diagnosis.inference.asking import Asking, identified_floor, noisy
 from cylforce.diagnosis.inference.at_sizes import AtSizes
 from cylforce.diagnosis.inference.beam import screened, searched
@@ -19,14 +20,13 @@ from cylforce.diagnosis.inference.found import Found
 from cylforce.diagnosis.inference.hypotheses import Hypothesis, Inference
 from cylforce.diagnosis.inference.in_order import InOrder
 from cylforce.diagnosis.inference.moments import Blocks, changed, digging, happening, likelier
-from cylforce.diagnosis.inference.posterior import CONTACT, UNKNOWN, Asked, Happened, Key
+from cylforce.diagnosis.inference.posterior import CONTACT, UNKNOWN, Asked, Happened
 from cylforce.diagnosis.inference.residuals import clean as cleaned
 from cylforce.diagnosis.inference.residuals import counting, hung, residuals, unforced
-from cylforce.diagnosis.inference.working import AtWork, at_work, hangs
-from cylforce.diagnosis.numbers import EVERYDAY, GAP, HALF, IDENTIFIED, LAW, SELDOM, SIGMAS
+from cylforce.diagnosis.inference.working import AtWork, at_work
+from cylforce.diagnosis.numbers import EVERYDAY, GAP, HALF, IDENTIFIED, LAW, SELDOM
 from cylforce.diagnosis.recordings.glitches import NAME as GLITCH
 from cylforce.diagnosis.recordings.glitches import Jumping, jumping
-from cylforce.effects.fault import Place
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
 from cylforce.effects.unknown import UNKNOWN_TORQUES
@@ -110,21 +110,6 @@ class _Search:
         """Coefficients (K+1,) of what the machine as it was leaves, nothing else fitted to the recording."""
         return np.concatenate([-self._values, -case.mean[len(self._values) :], [1.0]])
 
-    def _told(self, question: Asking) -> Callable[[int, Array], float]:
-        """What else speaks for an effect: return pressures for errors of pressure sensors, the number of jumps for a
-        reading that jumps."""
-        problem = question.problem
-
-        def support(form: int, sizes: Array) -> float:
-            proposal = question.forms[form][0]
-            if proposal.name == GLITCH:
-                return self.jumps[proposal.where]
-            if proposal.about.place is not Place.PRESSURE:
-                return 0.0
-            return problem.returns.support(proposal.group, proposal.where, float(sizes[0]))
-
-        return support
-
     @cached_property
     def _question(self) -> Asking:
         """With the instant at which a known load most probably changed."""
@@ -137,7 +122,7 @@ class _Search:
             return self._first
         question = self._question
         recording = question.sums(question.problem.faulty, question.noisy.faulty)
-        return replace(self._with_step(question.problem, recording), told=self._told(question))
+        return replace(self._with_step(question.problem, recording), told=candidates.support(question, self.jumps))
 
     def _with_step(self, problem: Problem, recording: Sums) -> Inference:
         """A problem's recordings, by their statistics, with what the references show."""
@@ -157,10 +142,17 @@ class _Search:
             return [k for k, f in enumerate(forms) if f.name in IDENTIFIED]
         return [k for k, f in enumerate(forms) if not name or (f.name == name and at in ("", f.at))]
 
+    @cached_property
+    def _candidates(self) -> list[int]:
+        """The forms that may be a cause and show; where one effect only is asked, it may do so anywhere."""
+        wanted, unit = self._wanted(self._question), self.plain.problem.spread[: len(self._values)]
+        still = set() if self.only else candidates.quiet(self.plain, self._values * unit)
+        return candidates.showing(self._question, self._case, wanted, still)
+
     def found(self, beside: bool = True) -> Found:
         """Everything; `beside`: also what lasts beside what happens at moments."""
         self.watch("hypotheses")
-        case, wanted = self._case, self._wanted(self._question)
+        case, wanted = self._case, self._candidates
         when = happening(self._question, case, self._left(case), self.only)
         hypotheses = searched(case, wanted)
         happened = tuple(each for each, _ in when)
@@ -182,7 +174,7 @@ class _Search:
         self.watch("effects at their sizes")
         told, looked = self._again(case, self._told_of(case, tuple(hypotheses), happened))
         blocks = {each.key: where for each, where in when}
-        least, plain = self._least(case, told.none), (self.plain, self._first)
+        least, plain = case.detectable(told.none.noise), (self.plain, self._first)
         return Found(self._question, self._machine, case, told, looked, blocks, digging(told), least, plain)
 
     def _lasting(self, happened: Happened, blocks: Blocks) -> Found | None:
@@ -203,11 +195,33 @@ class _Search:
         found = [(h.log, h.rest) for h in hypotheses] + [(h.log, h.rest) for h in happened]
         least, unit = min(rest for _, rest in found), self.plain.problem.spread[: len(self._values)]
         worked = self.plain.problem.at_work > SELDOM
-        if (least <= GAP and not worked) or not (work := at_work(self.plain, self._values * unit, self._put, self.rng)):
+        if least <= GAP and not worked:
+            return None
+        idling = self._idling
+        if not (work := at_work(self.plain, self._values * unit, self._put, self.rng, idling)):
             return None
         idle = work.case.likeliest((), work.case.usual)
+        if idling:  # each recording was judged by itself
+            return (work, idle) if work.share > SELDOM else None
         likelier = least > GAP and idle.log > max(log for log, _ in found) and idle.rest < least
         return (work, idle) if likelier or (worked and work.share > SELDOM) else None
+
+    @cached_property
+    def _idling(self) -> frozenset[str]:
+        """The recordings, of several, in which nothing but what lasts is found, each diagnosed by itself: they count in
+        full beside those in which the machine works."""
+        names = {seen.recorded.name for seen in self.plain.problem.faulty}
+        return frozenset(n for n in names if len(names) > 1 and self._in(candidates.recorded(self.plain, n)).idles)
+
+    @property
+    def idles(self) -> bool:
+        """Whether the machine neither works in the recordings nor something happens at moments."""
+        case = self._case
+        happened = tuple(each for each, _ in happening(self._question, case, self._left(case), self.only))
+        hypotheses = searched(case, self._candidates)
+        told, lasts = self._told_of(case, tuple(hypotheses), happened), max(h.log for h in hypotheses)
+        at_moments = any(h.log > lasts and not told.slight(h) for h in happened)
+        return not at_moments and self._at_work(hypotheses, happened) is None
 
     def _with_work(self, happened: tuple[Happened, ...], work: AtWork, idle: Hypothesis) -> tuple[Happened, ...]:
         """What may happen at moments, with those in which loads or contact hide the machine: contact, if forces at the
@@ -227,16 +241,19 @@ class _Search:
     def _put(self, question: Asking) -> Inference:
         """The question put to the field's rows that count."""
         recording = question.sums(question.problem.faulty, question.noisy.faulty)
-        return replace(self._machine.asked(recording), told=self._told(question))
+        return replace(self._machine.asked(recording), told=candidates.support(question, self.jumps))
 
     def _working(self, work: AtWork, idle: Hypothesis) -> Found:
         """What may be the cause beside loads and contact of which nothing is known. It is not looked at again at its
         size: where loads hang, what bends is small beside what its columns leave open."""
-        wanted = [p for p in self._wanted(self.plain) if not hangs(self.plain, self.plain.forms[p][0])]
-        gap = work.same.rest(self._left(work.same), work.same.usual)
+        gaps = work.same.rests(self._left(work.same), work.same.usual)
+        gap, still = float(np.max(gaps)), set() if self.only else candidates.joints_without_gap(gaps)
+        wanted = candidates.showing(self.plain, work.case, self._wanted(self.plain), still)
+        if not self._idling:  # a recording in which nothing hangs shows masses in and on the tool
+            wanted = [p for p in wanted if not candidates.hangs(self.plain, self.plain.forms[p][0])]
         lost = next((work.lost(idle, gap, p) for p in self.plain.problem.proposals if self._spills(p)), None)
         told = self._told_of(work.case, tuple(searched(work.case, wanted)), (lost.happened,) if lost else ())
-        told, least, plain = replace(told, gap=gap), self._least(work.case, told.none), (work.question, work.case)
+        told, least, plain = replace(told, gap=gap), work.case.detectable(told.none.noise), (work.question, work.case)
         return Found(work.question, self._machine, work.case, told, {}, {}, True, least, plain, lost)
 
     def _told_of(self, case: Inference, hypotheses: tuple[Hypothesis, ...], happened: tuple[Happened, ...]) -> Asked:
@@ -247,20 +264,13 @@ class _Search:
         loaded = any(seen.recorded.load > 0.0 for seen in self.plain.problem.faulty)
         return Asked(case.scene.forms, hypotheses, happened, case.usual, gap, shown, unsure, only, loaded)
 
-    def _least(self, case: Inference, none: Hypothesis) -> dict[Key, float]:
-        """The smallest size of every effect at every place that would stand out, of its most telling form."""
-        state, found = case.state(none.noise), dict[Key, float]()
-        for form in case.scene.forms:
-            k = form.columns[0]
-            told = float(state.information([k])[0, 0])
-            error = float(case.scene.spread[k]) * told**-0.5 if told > 0.0 else np.inf
-            key = (form.name, form.at)
-            found[key] = min(SIGMAS * error, found.get(key, np.inf))
-        return found
-
     def _beside(self, blocks: Blocks) -> "_Search":
         """The same search where some blocks do not count."""
-        other = replace(self, plain=replace(self.plain, aside=blocks))
+        return self._in(replace(self.plain, aside=blocks))
+
+    def _in(self, plain: Asking) -> "_Search":
+        """The same search of the same machine with another question."""
+        other = replace(self, plain=plain)
         other.__dict__["_machine"] = self._machine
         return other
 
@@ -283,7 +293,7 @@ class _Search:
                     most, own = log, other
         best = max(found.values(), key=lambda h: h.log + told.prior_of(h))
         if best.which in again and len(best.which) == 1:
-            for p in screened(own, best, self._wanted(self._question))[:AGAIN]:
+            for p in screened(own, best, self._candidates)[:AGAIN]:
                 more = own.with_more(best, p)
                 if more.which not in found or more.log > found[more.which].log:
                     found[more.which], again[more.which] = more, again[best.which]

@@ -19,7 +19,7 @@ from cylforce.diagnosis.inference.posterior import Happened
 from cylforce.diagnosis.inference.sizes import Column, log_size
 from cylforce.diagnosis.numbers import FALLS, HALF, HAPPENS, HEAVY, STICKS
 from cylforce.diagnosis.recordings.lifts import FreeOfContact, Whitened, stretches
-from cylforce.effects.fault import INCIDENTAL, TimeCourse
+from cylforce.effects.fault import INCIDENTAL
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
 
@@ -150,21 +150,27 @@ def _density(spill: Proposal, sizes: Array, errors: Array) -> float:
 
 class _Seen(NamedTuple):
     """The stretches of a recording, its rows in blocks that lie within one (N,), -1: none, the number of each block's
-    stretch, and what hangs in the bucket (T, I)."""
+    stretch, and what hangs in the bucket (T, I); `idle`: the machine does not work there, and nothing hangs."""
 
     stretches: list[FreeOfContact]
     rows: NDArray[np.int_]
     numbers: list[int]
     carried: Array
+    idle: bool
 
 
 def at_work(
-    question: Asking, values: Array, put: Callable[[Asking], Inference], rng: np.random.Generator
+    question: Asking,
+    values: Array,
+    put: Callable[[Asking], Inference],
+    rng: np.random.Generator,
+    idling: frozenset[str] = frozenset(),
 ) -> AtWork | None:
     """Recordings as those of work, None where no stretch is free of contact. `values` (K,): the columns that last of
-    the machine in order; `put`: how a question is put to it."""
-    found, apart = _found(question, values)
-    if not any(each.stretches for each in found):
+    the machine in order; `put`: how a question is put to it; `idling`: names of recordings that count in full, for the
+    machine does not work there."""
+    found, apart = _found(question, values, idling)
+    if not any(each.stretches for each in found if not each.idle):
         return None
     noise = [_noise(question, n, each, rng) for n, each in enumerate(found)]
     faulty = tuple(each._replace(products=np.delete(each.products, _of_loads(each), axis=-1)) for each in noise)
@@ -179,18 +185,15 @@ def at_work(
     return AtWork(laid, case, shares[0], same, loads.on, losses, _blocks(found), shares[1])
 
 
-def hangs(question: Asking, p: Proposal) -> bool:
-    """Whether an effect is a mass in or on the tool: a load of which nothing is known does the same."""
-    last = len(question.viewer.model.machine.links) - 1
-    return p.course is TimeCourse.AFTER or (p.weighs and p.where == last)
-
-
-def _found(question: Asking, values: Array) -> tuple[list[_Seen], float]:
+def _found(question: Asking, values: Array, idling: frozenset[str]) -> tuple[list[_Seen], float]:
     """The stretches of every recording, and the log likelihood of the rows outside of them."""
     problem, settle = question.problem, question.viewer.slow.settle_steps
     unit, first = problem.unusual[: len(CARRIED)], problem.lasting
     found, apart = [], 0.0
     for each, seen in zip(question.whites(problem.faulty), problem.faulty, strict=True):
+        if seen.recorded.name in idling:
+            found.append(_laid([FreeOfContact(0, len(each.rows), False, np.zeros(len(CARRIED)))], len(each.rows), True))
+            continue
         rows = each.rows.astype(np.float64)
         loads = rows[..., first : first + len(CARRIED)]
         left = rows[..., -1] - rows[..., :first] @ values
@@ -220,7 +223,7 @@ def _apart(left: Array, good: NDArray[np.bool_], found: Sequence[FreeOfContact])
     return float(np.sum(each)) - chosen + 2.0 * float(np.log(HAPPENS)) * len(found)
 
 
-def _laid(found: list[FreeOfContact], count: int) -> _Seen:
+def _laid(found: list[FreeOfContact], count: int, idle: bool = False) -> _Seen:
     rows, numbers, carried = [], [], np.zeros((count, len(CARRIED)))
     for n, each in enumerate(found):
         own = np.arange(each.first, each.last)
@@ -228,17 +231,17 @@ def _laid(found: list[FreeOfContact], count: int) -> _Seen:
         for part in np.array_split(own, -(-len(own) // BLOCK)):
             rows.append(np.concatenate([part, np.full(BLOCK - len(part), -1)]))
             numbers.append(n)
-    return _Seen(found, np.concatenate([np.zeros(0, dtype=np.int_), *rows]), numbers, carried)
+    return _Seen(found, np.concatenate([np.zeros(0, dtype=np.int_), *rows]), numbers, carried, idle)
 
 
 def _busy(question: Asking, found: Sequence[_Seen]) -> tuple[float, float]:
-    """The share of the rows in which the teeth touch the ground or a load hangs of which nothing is known, and that in
-    which one hangs."""
+    """The share of the rows of work in which the teeth touch the ground or a load hangs of which nothing is known, and
+    that in which one hangs."""
     settle, rows = question.viewer.slow.settle_steps, {True: 0, False: 0}
     for own, seen in zip(found, question.problem.faulty, strict=True):
-        for s in own.stretches:
+        for s in own.stretches if not own.idle else ():
             rows[s.loaded and not seen.recorded.load] += s.last - s.first + 2 * settle
-    whole = sum(len(each.carried) for each in found)
+    whole = sum(len(each.carried) for each in found if not each.idle)
     return 1.0 - rows[False] / whole, rows[True] / whole
 
 
@@ -289,6 +292,7 @@ def _numbered(found: Sequence[_Seen]) -> tuple[NDArray[np.int_], Array]:
     first, numbers, sizes = 0, [], []
     for each in found:
         numbers += [first + n for n in each.numbers]
-        sizes += [HEAVY if each.stretches[n].loaded else STICKS for n in each.numbers]
+        usual = [HEAVY if s.loaded else STICKS for s in each.stretches] if not each.idle else [0.0]
+        sizes += [usual[n] for n in each.numbers]
         first += len(each.stretches)
     return np.array(numbers), np.repeat(np.array(sizes)[:, None], len(CARRIED), axis=1)

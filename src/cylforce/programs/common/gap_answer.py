@@ -224,6 +224,7 @@ def _clock_fault(slip: Slip) -> dict[str, Any]:
         "shape": {},
         "confidence": min(slip.probability, SUREST),
         "confused_with": [],
+        "same_as": [],
         "alternatives": [{"first_s": first, "last_s": last} for first, last in slip.others],
     }
 
@@ -254,6 +255,7 @@ def _effect(named: Named, gap: Gap) -> dict[str, Any]:
         "shape": proposal.shape,
         "confidence": named.confidence,
         "confused_with": [{"name": r.key[0], "at": r.key[1]} for r in named.confused],
+        "same_as": [{"name": named.same[0], "at": named.same[1]}] if named.same else [],
         "closure": {"value": _known(gap.closure), "low": _known(gap.low), "high": _known(gap.high)},
         "share": share,
         "removed_nm": gap.removed * float(np.sqrt(share)),

@@ -148,8 +148,14 @@ def _likely(probability: float) -> str:
 
 
 def _causes(machine: Machine, answer: dict[str, Any]) -> str:
-    first, *others = (fault(machine, e["name"], e["at"]) for e in answer["effects"])
+    first, *others = (_either(machine, e) for e in answer["effects"])
     return f"{first}; and with it {' and '.join(others)}" if others else first
+
+
+def _either(machine: Machine, effect: dict[str, Any]) -> str:
+    """A cause, with another one that no evidence separates from it."""
+    each = (effect, *effect.get("same_as", ()))
+    return " or ".join(fault(machine, e["name"], e["at"]) for e in each)
 
 
 def _sizes(machine: Machine, answer: dict[str, Any], than: str = BEFORE) -> Lines:
