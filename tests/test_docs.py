@@ -44,11 +44,6 @@ def test_every_relative_link_resolves(page: Path) -> None:
             assert (page.parent / target.partition("#")[0]).exists(), f"{page}: {target}"
 
 
-@pytest.mark.parametrize("page", [p for p in CHAPTERS if p.name == "README.md" and p.parent != ROOT], ids=str)
-def test_a_chapter_has_at_most_200_lines(page: Path) -> None:
-    assert len(page.read_text().splitlines()) <= 200
-
-
 @pytest.mark.parametrize("reason", Reason)
 def test_every_reason_is_explained(reason: Reason) -> None:
     found = [row for row in rows_of(SERVICE_PAGE) if row[:2] == [str(int(reason)), reason.name]]

@@ -1,4 +1,4 @@
-"""tools/structure: each limit is noticed when it is broken, on a source tree made for it."""
+"""tools/structure: each rule is noticed when it is broken, on a source tree made for it; sizes are reported."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from structure import MOST_FILES, MOST_LINES, broken, circles, duplicates, effect_tests, modules, sizes, structure
+from structure import broken, circles, duplicates, effect_tests, modules, sizes, structure
 
 TOOLS = Path(__file__).resolve().parents[1] / "tools"
 GOOD = {
@@ -26,14 +26,9 @@ def written(folder, files):
     return modules(folder)
 
 
-def function(lines, name="f"):
-    """A function with a docstring of two lines and a body of so many lines."""
-    return "\n".join([f"def {name}():", '    """One.', '    Two."""', *["    pass"] * lines]) + "\n"
-
-
 def test_a_good_tree_breaks_nothing(tmp_path):
     found = structure(written(tmp_path, {}))
-    assert broken(found) == []
+    assert list(broken(found)) == []
     assert found.folders["house/low"] == (1, "stone.py", 3)
 
 
@@ -52,13 +47,13 @@ def test_a_good_tree_breaks_nothing(tmp_path):
 def test_a_circle_of_files(tmp_path, back):
     found = written(tmp_path, {"house/low/stone.py": back + "class Stone:\n    pass\n"})
     assert circles(found) == [["house.high.roof", "house.low.stone"]]
-    assert broken(structure(found)) == ["these files import each other: house.high.roof, house.low.stone"]
+    assert list(broken(structure(found))) == ["these files import each other: house.high.roof, house.low.stone"]
 
 
 def test_a_class_name_that_stands_twice(tmp_path):
     found = written(tmp_path, {"house/high/wall.py": "class Stone:\n    pass\n"})
     assert duplicates(found) == {"Stone": ["house/high/wall.py", "house/low/stone.py"]}
-    assert len(broken(structure(found))) == 1
+    assert len(list(broken(structure(found)))) == 1
 
 
 @pytest.mark.parametrize(
@@ -73,40 +68,12 @@ def test_a_class_name_that_stands_twice(tmp_path):
 def test_a_room_that_tests_for_a_single_effect(tmp_path, test):
     found = written(tmp_path, {"house/high/wet.py": f"def f(x):\n    return {test}\n"})
     assert effect_tests(found) == {"low": 0, "high": 1}
-    assert len(broken(structure(found))) == 1
+    assert len(list(broken(structure(found)))) == 1
 
 
 def test_a_pattern_for_a_single_effect(tmp_path):
     text = "def f(x):\n    match x:\n        case Drop():\n            return 1\n    return isinstance(x, int)\n"
     assert effect_tests(written(tmp_path, {"house/high/wet.py": text})) == {"low": 0, "high": 1}
-
-
-@pytest.mark.parametrize("more", [0, 1])
-def test_files_in_a_folder(tmp_path, more):
-    files = {f"house/low/brick{k}.py": "" for k in range(MOST_FILES - 1 + more)}  # and stone.py
-    assert len(broken(structure(written(tmp_path, files)))) == more
-
-
-@pytest.mark.parametrize("more", [0, 1])
-def test_lines_of_a_file(tmp_path, more):
-    files = {"house/low/brick.py": "\n" * (MOST_LINES + more)}
-    assert len(broken(structure(written(tmp_path, files)))) == more
-
-
-@pytest.mark.parametrize(
-    ("lines", "said"),
-    [
-        ([40] + [1] * 9, []),
-        ([41] + [1] * 9, ["house/low/brick.py:1 f0 has 41 lines; the limit is 40"]),
-        ([20, 20] + [1] * 8, []),
-        ([21, 21] + [1] * 8, ["81.8% of the functions have at most 20 lines; at least 90% should"]),
-        ([8] * 3, []),
-        ([9] * 3, ["the median function has 9 lines; the limit is 8"]),
-    ],
-)
-def test_lines_of_functions(tmp_path, lines, said):
-    text = "".join(function(n, f"f{k}") for k, n in enumerate(lines))
-    assert broken(structure(written(tmp_path, {"house/low/brick.py": text}))) == said
 
 
 def test_nested_functions_and_methods_count_and_their_lines_too(tmp_path):

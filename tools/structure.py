@@ -1,14 +1,15 @@
-"""Measures the structure of the source below src/ and compares it with the project's limits: files in a folder, lines
-in a file, lines in a function, import circles between files, class names, tests for single effects outside effects/.
+"""Measure the structure of the source below src/: files in a folder, lines in a file, lines in a function, import
+circles between files, class names, tests for single effects outside effects/.
 
-Exit code 1 when a limit is broken. The limits are the constants at the top of tools/structure.py."""
+Sizes are reported only: a file or a function is split where the reader's thought ends. Exit code 1 when files import
+each other, a class name is defined twice, or a room outside effects/ tests for a single effect."""
 
 import argparse
 import ast
 import statistics
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -20,9 +21,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 SOURCE = Path(__file__).resolve().parents[1] / "src"
-MOST_FILES = 15  # in a folder, __init__.py not counted
-MOST_LINES = 300  # in a file
-MEDIAN_LINES, SHORT_LINES, SHORT_SHARE, LONGEST_LINES = 8, 20, 0.9, 40  # in a function's body
+SHORT_LINES = 20  # of a function's body, whose share is reported
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -205,29 +204,8 @@ def _tested(node: ast.AST) -> set[str]:
     return names | {part.attr for part in ast.walk(tested) if isinstance(part, ast.Attribute)}
 
 
-def broken(found: Structure) -> list[str]:
-    """A sentence for every limit that is broken."""
-    return [*_broken_folders(found.folders), *_broken_functions(found.functions), *_broken_names(found)]
-
-
-def _broken_folders(found: Mapping[str, Folder]) -> Iterator[str]:
-    for name, folder in found.items():
-        if folder.files > MOST_FILES:
-            yield f"{name} has {folder.files} files; the limit is {MOST_FILES}"
-        if folder.lines > MOST_LINES:
-            yield f"{name}/{folder.largest} has {folder.lines} lines; the limit is {MOST_LINES}"
-
-
-def _broken_functions(found: Sizes) -> Iterator[str]:
-    if found.median > MEDIAN_LINES:
-        yield f"the median function has {found.median:g} lines; the limit is {MEDIAN_LINES}"
-    if found.short < SHORT_SHARE:
-        yield f"{found.short:.1%} of the functions have at most {SHORT_LINES} lines; at least {SHORT_SHARE:.0%} should"
-    if found.lines > LONGEST_LINES:
-        yield f"{found.longest} has {found.lines} lines; the limit is {LONGEST_LINES}"
-
-
-def _broken_names(found: Structure) -> Iterator[str]:
+def broken(found: Structure) -> Iterator[str]:
+    """Yield a sentence for every rule that is broken."""
     for names in found.circles:
         yield f"these files import each other: {', '.join(names)}"
     for name, paths in found.duplicates.items():
@@ -239,7 +217,7 @@ def _broken_names(found: Structure) -> Iterator[str]:
 
 def show(found: Structure, console: Console) -> None:
     """The figures."""
-    table = Table(title=f"Folders (limits: {MOST_FILES} files without __init__.py, {MOST_LINES} lines in a file)")
+    table = Table(title="Folders (files without __init__.py)")
     table.add_column("folder")
     for column in ("files", "largest file", "lines"):
         table.add_column(column, justify="right")
@@ -247,9 +225,8 @@ def show(found: Structure, console: Console) -> None:
         table.add_row(name, str(folder.files), folder.largest, str(folder.lines))
     console.print(table)
     f = found.functions
-    console.print(f"functions: {f.functions}; lines of the body: median {f.median:g} (limit {MEDIAN_LINES}),")
-    console.print(f"  {f.short:.1%} at most {SHORT_LINES} (at least {SHORT_SHARE:.0%}), longest {f.lines}", end=" ")
-    console.print(f"(limit {LONGEST_LINES}): {f.longest}")
+    console.print(f"functions: {f.functions}; lines of the body: median {f.median:g},")
+    console.print(f"  {f.short:.1%} at most {SHORT_LINES}, longest {f.lines}: {f.longest}")
     console.print(f"import circles between files: {len(found.circles)}")
     console.print(f"class names defined more than once: {len(found.duplicates)}")
     tests = [f"{room} {count}" for room, count in found.effect_tests.items() if count]
@@ -257,13 +234,13 @@ def show(found: Structure, console: Console) -> None:
 
 
 def main() -> int:
-    """Measure and print; 1 when a limit is broken."""
+    """Measure and print; 1 when a rule is broken."""
     parser = argparse.ArgumentParser(prog="structure", description=__doc__)
     parser.add_argument("source", nargs="?", type=Path, default=SOURCE, metavar="FOLDER", help="default: src/")
     options = parser.parse_args()
     found = structure(modules(options.source))
     show(found, Console(highlight=False, soft_wrap=True))
-    for sentence in (sentences := broken(found)):
+    for sentence in (sentences := list(broken(found))):
         print(f"structure: {sentence}", file=sys.stderr)
     return 1 if sentences else 0
 
