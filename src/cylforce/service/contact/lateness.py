@@ -47,11 +47,14 @@ class Lateness:
 
     def error(self, recent: Numbers, x: float, z: float) -> tuple[float, float]:
         """Return the error (x, z) [N] of the force `x`, `z` [N]; `recent`: those of the steps before (`keep`)."""
-        kept = recent[-2 * self._steps :]
-        if not kept:
+        if not recent:
             return 0.0, 0.0
-        return self._share * (x - kept[0]), self._share * (z - kept[1])
+        first, share = max(len(recent) - 2 * self._steps, 0), self._share
+        return share * (x - recent[first]), share * (z - recent[first + 1])
 
     def keep(self, recent: Numbers, x: float, z: float) -> Numbers:
         """Return x and z [N] of the steps in turn that the next one needs, the newest last."""
-        return recent[-2 * self._steps :] + array("d", (x, z))
+        kept = recent[2:] if len(recent) >= 2 * self._steps else recent[:]
+        kept.append(x)
+        kept.append(z)
+        return kept
