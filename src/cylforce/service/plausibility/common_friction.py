@@ -27,13 +27,13 @@ class OneFriction:
     blocks: Block
     rated: float
 
-    def better(self, signal: int, size: float, begin: int, harmless: float, scatter: Array, most: float) -> float:
+    def better(self, signal: int, size: float, begin: int, harmless: Array, scatter: Array, most: float) -> float:
         """Return twice the log likelihood ratio of an error and of none.
 
         signal:   number of the signal that is off
         size:     of its error [bar, rad]
         begin:    the block from which on it is off
-        harmless: size up to which an error is none, (B,)
+        harmless: (B,) size up to which an error changes no weight
         scatter:  (B,) variance that each block's torques have beyond that of commissioning
         most:     largest vote of one block"""
         number = len(self.blocks.left)

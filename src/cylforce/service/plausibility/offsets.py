@@ -117,8 +117,8 @@ class Voting:
             scatter = self._scatter(blocks)[:, 0]
             for h, k in enumerate(chosen.tolist()):
                 if found[h] > UNSURE:
-                    of = (h, float(sizes[k, h]), begins(votes[k, :, h]), harmless[:, h])
-                    found[h] = min(found[h], one.better(*of, scatter, most))
+                    size, begin = float(sizes[k, h]), begins(votes[k, :, h])
+                    found[h] = min(found[h], one.better(h, size, begin, harmless[:, h], scatter, most))
         signal = int(np.argmax(found))
         return signal, int(chosen[signal]), found[signal]
 
