@@ -426,6 +426,16 @@ def test_a_magnitude_at_its_bound_or_an_interval_with_zero_is_not_named(friction
             assert said in doubt
 
 
+def test_at_work_without_references_nothing_is_named(friction):
+    """A machine in order that digs was "probably a bending stick"."""
+    (found, verdict), rng = friction, np.random.default_rng(1)
+    working = found._replace(working=True)
+    assert tried(working, verdict, rng)[1].named == verdict.named
+    alone = replace(found.question, problem=replace(found.original, clean=()))
+    plain = found._replace(question=alone, working=True, fit=replace(found.fit, question=alone))
+    assert tried(plain, verdict, rng)[1] == Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
+
+
 def test_a_closure_that_is_not_known_refutes(friction, monkeypatch):
     """NaN is less than nothing, and counted as closed."""
     monkeypatch.setattr(shrinkage, "closure", lambda *_: (np.nan, (np.nan, np.nan)))

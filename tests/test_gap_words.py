@@ -250,4 +250,4 @@ def test_where_the_machine_was_not_identified_that_comes_first():
     assert "How sure" not in said
     known |= {"parameters": [{"name": "boom.X"}, {"name": "stick.coulomb"}]}
     said = text(answered("not_observable") | {"identify_first": known})
-    assert "First moment along the link of the boom; dry friction of the stick." in said
+    assert "change most: first moment along the link of the boom; dry friction of the stick." in said

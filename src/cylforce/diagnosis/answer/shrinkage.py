@@ -93,10 +93,15 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Sea
 
 
 def _at_work(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Search, Judged, Gap, str]:
-    """The same of a machine at work, of which only the magnitude may speak against what is named."""
+    """The same of a machine at work, of which only the magnitude may speak against what is named.
+
+    Without references nothing is named: they alone show what unknown loads and contact look like on this machine, and
+    no known cases say how often a name would be right.
+    """
     against = objections.of_magnitude(search, written(judged))
-    if against:
-        judged = Judged(Verdict.NOT_OBSERVABLE, (), 0.0, (judged.named[0].cause.key,))
+    if judged.named and (against or not search.original.clean):
+        refuted = (judged.named[0].cause.key,) if against else ()
+        judged = Judged(Verdict.NOT_OBSERVABLE, (), 0.0, refuted)
     return search, judged, gap(search, (), rng), against or (AT_WORK if judged.named else "")
 
 

@@ -13,10 +13,10 @@ from matplotlib.patches import Rectangle
 from cylforce.commissioning.coverage import BINS, Pace, Way
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven
-from cylforce.programs.reports.advice import meaning
 from cylforce.programs.reports.drawing import AMBER, BLUE, GRID, INK, PALE, RED, canvas, noted
 from cylforce.programs.reports.evidence import Drawn
 from cylforce.programs.reports.findings import Findings, ParameterLine
+from cylforce.programs.wording.parameter_words import meaning
 from cylforce.signals.estimate import Array
 
 LINES = (

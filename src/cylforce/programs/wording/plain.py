@@ -74,7 +74,7 @@ def _identify_first(machine: Machine, answer: dict[str, Any]) -> Plain:
     """The answer where the model's own parameters come before any fault."""
     told = answer["identify_first"]
     points = (
-        Paragraph("What differs", _sizes(machine, answer, ON_SHEET) or _changes(told["parameters"])),
+        Paragraph("What differs", (*_sizes(machine, answer, ON_SHEET), *_changes(told["parameters"]))),
         Paragraph("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
         Paragraph(NEXT, _next(answer)),
     )
@@ -83,7 +83,8 @@ def _identify_first(machine: Machine, answer: dict[str, Any]) -> Plain:
 
 def _changes(parameters: list[dict[str, Any]]) -> Lines:
     """The parameters that make most of the difference, by name: their values are for an identification to find."""
-    return (sentence("; ".join(parameter(each["name"]) for each in parameters)),)
+    names = "; ".join(parameter(each["name"]) for each in parameters)
+    return (sentence(f"Parameters that change most: {names}"),) if parameters else ()
 
 
 IDENTIFY_FIRST = (
