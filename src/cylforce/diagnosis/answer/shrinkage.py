@@ -99,9 +99,10 @@ def _at_work(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[
     no known cases say how often a name would be right.
     """
     against = objections.of_magnitude(search, written(judged))
-    if judged.named and (against or not search.original.clean):
-        refuted = (judged.named[0].cause.key,) if against else ()
-        judged = Judged(Verdict.NOT_OBSERVABLE, (), 0.0, refuted)
+    if judged.named and not search.original.clean:
+        judged = Judged(Verdict.NOT_OBSERVABLE, (), 0.0)
+    elif against:
+        judged = Judged(Verdict.NOT_OBSERVABLE, (), 0.0, (judged.named[0].cause.key,))
     return search, judged, gap(search, (), rng), against or (AT_WORK if judged.named else "")
 
 
