@@ -5,7 +5,7 @@ from math import atan2, cos, hypot, pi, sin
 import numpy as np
 import pytest
 
-from cylforce.service.contact.events import clearness
+from cylforce.service.contact.events import Watcher, clearness
 from cylforce.service.contact.lateness import NOT_BEGUN, Lateness, force_delay_s
 from cylforce.service.contact.noise import Solved
 from cylforce.service.force import ForceSensor
@@ -103,6 +103,12 @@ def test_a_force_that_still_changes_quickly_is_less_clear():
     assert clearness(seen, (0.0, 0.0)) == pytest.approx(144.0)
     assert clearness(seen, (1e3, 0.0)) == pytest.approx(36.0 / 1.25)
     assert clearness(seen, (0.0, 1e3)) == pytest.approx(144.0)
+
+
+def test_a_force_that_still_changes_quickly_is_no_contact_yet():
+    seen, watcher = Solved(6e3, -2e3, 0.5e3**2, 0.0, 0.5e3**2, 2e3, 144.0, NOT_BEGUN), Watcher(100e3, 1000.0, STEP)
+    touching = [watcher.step(watcher.begin(), 0, seen, late, 0j, 0j).touching for late in ((0.0, 0.0), (1e3, 0.0))]
+    assert touching == [True, False]
 
 
 def test_before_the_first_force_none_is_late():

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
-from cylforce.service.contact.lateness import Lateness
 from cylforce.service.contact.noise import Solved
 from cylforce.service.contact.slope import NO_COURSE, Course, kink
 from cylforce.signals.contact import KEPT, ContactEvent, EventKind
@@ -46,17 +45,11 @@ class Touch(NamedTuple):
 @dataclass(frozen=True)
 class Watcher:
     """The events of one machine. Weight in the bucket is no contact: a force that a hanging mass explains is not
-    counted, so that neither a load that is not known yet nor dumping it looks like contact. `delay_s`: of the force
-    against the torques of inertia and weight of the same instant, that of its filter alone, because all wait alike."""
+    counted, so that neither a load that is not known yet nor dumping it looks like contact."""
 
     rated_force: float
     rated_payload: float
     dt: float
-    delay_s: float
-
-    @once
-    def _lateness(self) -> Lateness:
-        return Lateness(self.delay_s, self.dt)
 
     @once
     def _window(self) -> int:
@@ -70,9 +63,11 @@ class Watcher:
         """The state after an interruption of the measurement; the events remain."""
         return self.begin()._replace(number=state.number, events=state.events)
 
-    def step(self, state: Touch, t_us: int, seen: Solved, recent: Numbers, place: complex, velocity: complex) -> Touch:
-        """The state after one instant: the force, the `recent` ones before it (`Lateness.keep`), `place` [m] and
-        `velocity` [m/s] of the teeth as x + i z."""
+    def step(
+        self, state: Touch, t_us: int, seen: Solved, late: tuple[float, float], place: complex, velocity: complex
+    ) -> Touch:
+        """The state after one instant: the force, its error (x, z) [N] because it is `late`, `place` [m] and `velocity`
+        [m/s] of the teeth as x + i z."""
         went, dt, now = abs(velocity) * self.dt, self.dt, (t_us, place)
         recent = state.recent[2:] + array("d", (hypot(seen.x, seen.z), state.recent[-1] + went))
         since = min(state.since_stiff + dt, AGAIN_S)
@@ -80,7 +75,7 @@ class Watcher:
             state = new(Touch, (False, state.away, 0.0, 0.0, since, recent, state.course, state.number, state.events))
             if seen.clearness <= BEGINS or hypot(seen.x, seen.z + seen.weight) <= SMALLEST * self.rated_force:
                 return state
-            clear = clearness(seen, self._lateness.error(recent, seen.x, seen.z))
+            clear = clearness(seen, late)
             return self._begun(state, now, clear) if clear > BEGINS else state
         away = state.away + dt if seen.clearness < ENDS else 0.0
         seconds, path = state.seconds + dt, state.path + went

@@ -65,9 +65,14 @@ class Interactor:
         return Lateness(self.delay_s, self.model.fast.dt)
 
     @once
+    def _filtered(self) -> Lateness:
+        """Of the force against the torques of inertia and weight of the same instant: its filter alone, because all of
+        them wait alike."""
+        return Lateness(self.model.fast.delay, self.model.fast.dt)
+
+    @once
     def _watcher(self) -> Watcher:
-        filters = self.model.fast
-        return Watcher(self.rated_force, self.model.machine.rated_payload, filters.dt, filters.delay)
+        return Watcher(self.rated_force, self.model.machine.rated_payload, 1.0 / self.model.filters.rate_hz)
 
     def begin(self) -> Interaction:
         """The state before any sample."""
@@ -98,7 +103,8 @@ class Interactor:
         carried = self._carried(state, *weighed)
         unrest, solved = self._noise.solve(state.unrest, instant, usable, carried.values, drift, unnoticed)
         force = (state.recent, solved.x, solved.z)
-        contact = self._watcher.step(state.contact, t_us, solved, state.recent, instant.place, instant.velocity)
+        late = self._filtered.error(*force)
+        contact = self._watcher.step(state.contact, t_us, solved, late, instant.place, instant.velocity)
         if carried.known and not contact.touching:
             unrest = self._noise.learn(unrest, solved, carried.values, self._moving(usable, instant))
         forces = self._forces(solved, carried, contact.touching, self._published.error(*force))
