@@ -41,9 +41,9 @@ def looked_at(monkeypatch):
     seen = []
     real = task.chosen
 
-    def chosen(loaded, paths, loads):
+    def chosen(loaded, paths, loads, **rest):
         seen.extend(path.name for path in paths)
-        return real(loaded, paths, loads)
+        return real(loaded, paths, loads, **rest)
 
     monkeypatch.setattr(task, "chosen", chosen)
     return seen

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
+from crane.figures import with_known_scale
 from cylforce.files.candump import Sent
 from cylforce.files.recording import open_recording
 from cylforce.programs.common.readings import make_core
@@ -26,12 +27,12 @@ COMMAND = (sys.executable, "-m", "cylforce")
 
 @pytest.fixture(scope="module")
 def crane(shared, tmp_path_factory):
-    """Machine file, tares, and the first seconds of a run that they were not identified from."""
+    """Machine file, tares as after a known lift, and the first seconds of a run that they were not identified from."""
     folder, data = tmp_path_factory.mktemp("crane"), shared / "data" / "hmf_crane"
     machine, tares, short = folder / "crane.toml", folder / "identified.toml", folder / "short.csv"
     subprocess.run([sys.executable, "-m", "crane", data, "-o", machine], cwd=TOOLS, check=True)
     loaded = load(machine)
-    run_identify(loaded, [data / "Dual1SineRun_230425.csv"], tares)
+    with_known_scale(run_identify(loaded, [data / "Dual1SineRun_230425.csv"], tares), loaded, tares)
     with (data / "Dual2SineTest_230425.csv").open() as whole:
         short.write_text("".join(line for line, _ in zip(whole, range(1 + 100 * SECONDS), strict=False)))
     return loaded, tares, short

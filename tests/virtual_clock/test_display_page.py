@@ -312,11 +312,13 @@ def test_a_frozen_display_blanks_the_weight_within_a_second(page, cab):
     page.wait_for_selector("#weight:not(.words)")
 
 
-def test_open_pages_do_not_hold_up_the_end(page, cab):
-    """Nor the service's; what was booked is on the disk then."""
+def test_open_pages_do_not_hold_up_the_end(opened, page, cab):
+    """Nor the service's; what was booked is on the disk then. A server that ends may still refuse a page with 503."""
+    _, errors = opened
     _, seconds = cab.stop("display")
     assert seconds < 5.0
     assert cab.stop("run")[0] == 0
     listed = subprocess.run([*COMMAND, "records", "telematics", cab.records], stdout=subprocess.PIPE, check=True)
     assert json.loads(listed.stdout)["CumulativeLoadCount"]["Count"] >= 1
     page.wait_for_selector("#weight.words")
+    errors[:] = [line for line in errors if "503" not in line]
