@@ -65,7 +65,7 @@ class CommonScale(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What is wrong, and what to do."""
+        """Sentence that says what is wrong and what to do."""
         right = "if these are right, correct masses and tolerances in the machine file"
         return f"all pressures are about {self.words}; {right}"
 
@@ -92,7 +92,7 @@ def common_scale(model: Model, data: Factors, noise: Array) -> CommonScale:
 
 
 def _all_the_same_way(model: Model, fit: Fit, prior: Prior) -> float:
-    """By how much the scale seems off when all figures of the data sheet's links are off by their whole tolerances, in
+    """Return how far the scale seems off when all figures of the data sheet's links use up their tolerances, in
     the direction that changes it most. With A the rows and C the prior's covariance, the estimate changes with the
     prior's mean by (A'A + C^-1)^-1 C^-1."""
     spread = base_parameter_spread(model.machine.links)

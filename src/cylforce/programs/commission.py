@@ -82,7 +82,7 @@ def _guide(loaded: Loaded, order: Order) -> Guide:
 
 
 def unbooked(tares: Tares) -> str:
-    """What follows from the scale's error without a known weight; nothing where a rated load is known well enough."""
+    """Return what follows from the scale's error without a known weight; nothing where a rated load is well known."""
     if tares.scale_error <= GOOD_ENOUGH:
         return _only_degraded(tares)
     return (
@@ -93,7 +93,7 @@ def unbooked(tares: Tares) -> str:
 
 
 def _only_degraded(tares: Tares) -> str:
-    """What follows from a common scale of all pressures that only the masses bound."""
+    """Return what follows from a common scale of all pressures that only the masses bound."""
     if tares.common_error <= GOOD_ENOUGH:
         return ""
     return (

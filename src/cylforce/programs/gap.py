@@ -79,7 +79,7 @@ def diagnose(
 def _diagnosed(
     loaded: Loaded, question: Question, library: tuple[Group, ...], watch: Watch, kept: RowCache | None, tell: Tell
 ) -> Diagnosed:
-    """The same; `tell` is called with what was left out of the recordings."""
+    """Return the diagnosis; `tell` is called with a sentence for each part of a recording that was left out."""
     only = asked_only(library := reduced(library, question.without), question.only, loaded.service.machine)
     loaded, slow = at_own_rate(loaded, (*question.reference, *question.field))
     groups = (question.reference, question.field)
@@ -122,7 +122,7 @@ def _diagnosed(
 
 
 class _Concluded(NamedTuple):
-    """What is concluded once the gap is located and what is named has been simulated.
+    """Conclusion of a diagnosis, once the gap is located and the named causes have been simulated.
 
     search, verdict, size: as the answer has them
     refuted:               why a cause is not named, in a sentence, or empty
@@ -155,7 +155,7 @@ def _concluded(
 
 
 def _first_of_all(whole: dict[str, Any]) -> list[str]:
-    """What to do before any other experiment."""
+    """Return what to do before any other experiment."""
     return [IDENTIFY] if "identify_first" in whole else confirm(whole)
 
 

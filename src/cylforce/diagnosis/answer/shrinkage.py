@@ -64,7 +64,7 @@ class Gap(NamedTuple):
 
     @property
     def refuted(self) -> bool:
-        """Whether something speaks against naming the causes."""
+        """True if something speaks against naming the causes."""
         return bool(self.objection)
 
 
@@ -93,7 +93,7 @@ def tried(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Sea
 
 
 def _at_work(search: Search, judged: Judged, rng: np.random.Generator) -> tuple[Search, Judged, Gap, str]:
-    """The same of a machine at work, of which only the magnitude may speak against what is named.
+    """Return what `tried` returns, of a machine at work: only its magnitude may speak against a cause.
 
     Without references nothing is named: they alone show what unknown loads and contact look like on this machine, and
     no known cases say how often a name would be right.

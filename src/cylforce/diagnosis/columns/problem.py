@@ -35,7 +35,7 @@ class Seen(NamedTuple):
 
 
 class Identified(NamedTuple):
-    """What an identification says of its own accuracy.
+    """Accuracy of an identification, as identified.toml states it.
 
     covariance:  (P, P) of the model's parameters. Their errors are strongly correlated: taken one by one they would
                  leave the torques tens of noise floors uncertain.

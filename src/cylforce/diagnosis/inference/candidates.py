@@ -62,8 +62,11 @@ def hangs(question: Asking, p: Proposal) -> bool:
 
 
 def support(question: Asking, jumps: Mapping[int, float]) -> Callable[[int, Array], float]:
-    """What else speaks for a form of its sizes [nats]: return pressures for errors of pressure sensors, the number of
-    jumps for a reading that jumps (`jumps`: evidence of it, by the signal's number)."""
+    """Return further evidence for a form of its sizes [nats].
+
+    Return pressures speak for errors of pressure sensors, the number of jumps for a reading that jumps.
+    jumps: evidence of jumps, by the signal's number
+    """
     problem = question.problem
 
     def nats(form: int, sizes: Array) -> float:

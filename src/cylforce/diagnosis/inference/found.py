@@ -1,5 +1,5 @@
-"""What a search found, for those who answer. Hypotheses may be withdrawn from it, so that Bayes' rule holds among the
-others: a cause that its simulation refutes, and one of two causes that are one answer."""
+"""Result of a search. Hypotheses may be withdrawn from it, so that Bayes' rule holds among the others: a cause that its
+simulation refutes, and one of two causes that are one answer."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

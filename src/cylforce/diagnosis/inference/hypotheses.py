@@ -237,7 +237,7 @@ class Inference:
         return float(np.max(self.rests(left, noise)))
 
     def rests(self, left: Array, noise: Scatter | None = None) -> Array:
-        """The same of every joint (R,)."""
+        """Return the same figure for every joint (R,)."""
         energy = np.einsum("i,rij,j->r", left, self.sums.whole, left)
         if self.moments and noise is not None:
             white, smooth = self.moments.energies(left, noise)

@@ -215,7 +215,7 @@ class _Search:
 
     @property
     def idles(self) -> bool:
-        """Whether the machine neither works in the recordings nor something happens at moments."""
+        """Return whether the machine neither works in the recordings nor something happens at moments."""
         case = self._case
         happened = tuple(each for each, _ in happening(self._question, case, self._left(case), self.only))
         hypotheses = searched(case, self._candidates)
@@ -269,7 +269,7 @@ class _Search:
         return self._in(replace(self.plain, aside=blocks))
 
     def _in(self, plain: Asking) -> "_Search":
-        """The same search of the same machine with another question."""
+        """Return a search of the same machine with another question."""
         other = replace(self, plain=plain)
         other.__dict__["_machine"] = self._machine
         return other

@@ -1,5 +1,5 @@
-"""What the adaptation of friction and pressure zeros keeps of a machine: columns, limits, priors, and room for its
-intermediate results."""
+"""Constants of one machine for the adaptation of friction and pressure zeros: columns, limits, priors, and room for
+its intermediate results."""
 
 from collections.abc import Sequence
 from typing import Any

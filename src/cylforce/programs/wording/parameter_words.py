@@ -21,7 +21,7 @@ UNKNOWN = ("parameter of the model", "move every joint both ways, slowly and fas
 
 
 def meaning(name: str) -> str:
-    """What a parameter is, in words."""
+    """Return what a parameter is, in words."""
     return MEANING.get(name.rpartition(".")[2], UNKNOWN)[0]
 
 

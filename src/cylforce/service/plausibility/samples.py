@@ -1,4 +1,4 @@
-"""What the monitor sees of one step of the service."""
+"""Input of the monitor from one step of the service."""
 
 from typing import NamedTuple
 
@@ -12,8 +12,8 @@ from cylforce.signals.estimate import Quantity
 
 
 class Samples(NamedTuple):
-    """What one step shows: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,) [N m],
-    forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there.
+    """Input of the monitor: all signals (S,), filters, rows, torque `left` by the tares and the drift (R,)
+    [N m], forces, the drift so far, gross weight [kg], the lift, signals that `leapt` and stayed there.
 
     weighed: whether a load is weighed now, whose force that of the soil does not contain
     came:    (S,) times [us] of the frames of all signals"""
