@@ -383,3 +383,24 @@ def test_a_direction_is_in_range_wherever_the_circle_of_the_sensor_ends(ends, se
     channel = inputs.channels[AT["boom_angle"]]
     assert channel.reason is (Reason.OUT_OF_RANGE if read is None else Reason.NONE)
     assert read is None or np.degrees(channel.value) == pytest.approx(read, abs=0.001)
+
+
+@pytest.mark.usefixtures("form")
+def test_the_largest_number_of_a_signed_field_is_an_error_code_and_no_direction():
+    """7FFFh of 0.01 degrees is 327.67 degrees, a turn beyond -32.33, which the joint reaches."""
+    service = measured({"boom": Kind.JOINT_ANGLE}, (-45.0, 63.0)).service
+
+    def field(f):
+        return replace(f, code="h", scale=radians(0.01), offset=0.0) if f.signal == "boom_angle" else f
+
+    nodes = tuple(
+        n._replace(pdos=tuple(p._replace(fields=tuple(map(field, p.fields))) for p in n.pdos)) for n in service.nodes
+    )
+    service = service._replace(nodes=nodes)
+    assembler, pdo = Assembler(service), pdo_of(service, "boom_angle")
+    for raw, reason in ((0x7FFF, Reason.OUT_OF_RANGE), (0x7FFE, Reason.NONE)):
+        inputs = assembler.begin()
+        for k in range(20):
+            frame = Frame(1_000_000 + 10_000 * k, pdo.can_id, raw.to_bytes(2, "little"))
+            inputs = assembler.receive(inputs, [frame], assembler.still)
+        assert inputs.channels[AT["boom_angle"]].reason is reason

@@ -169,7 +169,9 @@ def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Numbe
     """A signal with one value more."""
     k = p.signal[slot]
     o, read = SIGNAL * k, raw * p.scale[slot] + p.offset[slot]
-    value = in_range(read, p.low[slot], p.high[slot], p.around[slot])
+    value, largest = read, -p.missing[slot] - 1.0  # 7FFFh of a signed number is the error code of many sensors
+    if raw != largest:
+        value = in_range(read, p.low[slot], p.high[slot], p.around[slot])
     seen, by = state[o + 2], leap(p, state, t_us, k, value)
     state[o + 10] = measured_after(p, state, t_us, k)
     if raw == p.missing[slot] or not abs(value) <= LARGEST:
