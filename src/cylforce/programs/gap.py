@@ -109,7 +109,9 @@ def _diagnosed(
     if seconds < MOVING_S:
         return _nothing(f"only {seconds:.0f} s of usable motion: move every joint both ways, slowly and fast")
     watch("locating the gap, simulating the effects", None)
-    found, verdict, size, refuted, whole = _concluded(everything, found, verdict, None if only else faulty, rng)
+    # An identification of this machine says that its parameters are right: what changed since is an effect.
+    fitted = None if only or question.identified else faulty
+    found, verdict, size, refuted, whole = _concluded(everything, found, verdict, fitted, rng)
     watch("what to record next", None)
     whole["next_experiment"] = [*_first_of_all(whole), *said(planned(everything, found)), *whole["next_experiment"]]
     whole["looked_at"] = [each._asdict() for each in (*field.looked_at, *reference.looked_at)]
@@ -140,7 +142,7 @@ def _concluded(
     everything: Found, search: Search, verdict: Judged, faulty: Sequence[Recorded] | None, rng: np.random.Generator
 ) -> _Concluded:
     """Return the conclusion; `faulty`: recordings to which the model's parameters may be fitted, None if one effect was
-    asked for."""
+    asked for, or if the machine was identified."""
     spots = where(search.original, (plain := gap(search, (), rng)), rng)
     search, verdict, size, refuted = insisted(everything, tried(search, verdict, rng), plain, spots, rng)
     search, verdict, size = located(search, verdict, size, plain, spots)
