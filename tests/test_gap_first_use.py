@@ -143,3 +143,11 @@ def test_references_of_a_simulation_with_other_parameters_are_answered_with_thes
     assert (found.answer["verdict"], found.answer["effects"]) == ("not_observable", [])
     assert found.answer["identify_first"]["share"] > 0.5
     assert words(found).startswith("Identify the machine first: the model's masses and friction are not this machine's")
+
+
+def test_a_machine_that_was_identified_is_not_sent_to_be_identified(identified):
+    """References with other parameters, and identified.toml: its parameters are this machine's, as they are."""
+    own = recorded(identified.parent / "simulated.csv", 2, seed=SEED + 1, seconds=120.0)
+    field = recorded(identified.parent / "healthy.csv", 7)
+    found = diagnose(SMALL, Question((field,), (own,), identified=identified))
+    assert "identify_first" not in found.answer
