@@ -1,8 +1,8 @@
-"""The common scale of all measured forces, as the data sheet's masses show it.
+"""Estimate a common scale of all measured forces from the data sheet's masses.
 
-Pressures that are all too small by one factor (another range, psi for bar, a decimal digit) make every identified first
-moment, every friction and every load too small by that factor, and nothing else. Without a known weight only the
-masses of the data sheet show it, as well as their tolerances allow."""
+A wrong range, psi for bar, or a decimal digit makes all pressures wrong by one factor. Every identified first moment,
+every friction and every load is then wrong by the same factor, and the fit is as good as before. Without a known weight
+only the masses of the data sheet show that factor, within their tolerances."""
 
 from math import hypot, log
 from typing import NamedTuple
@@ -80,8 +80,12 @@ class CommonScale(NamedTuple):
 
 
 def common_scale(model: Model, data: Factors, noise: Array) -> CommonScale:
-    """The scale s of the rows torque = W (Phi + (s - 1) Phi_sheet), of which Phi has the data sheet as prior and s is
-    not known before. `data`: factors of the empty machine; `noise` (R,): standard error of each measured torque."""
+    """Return the common scale s of the measured torques, from least squares.
+
+    The rows are torque = W (Phi + (s - 1) Phi_sheet). Phi has the data sheet as prior, s has none.
+    data:  factors of the empty machine
+    noise: (R,) standard error of each measured torque [N m]
+    """
     scaled = model.prior.mean.copy()
     scaled[[p.name.endswith(ABSOLUTE) for p in model.parameters]] = 0.0  # a share of the force, a time: without scale
     columns = np.broadcast_to(scaled[:, None], (data.samples.shape[1], len(scaled), 1))

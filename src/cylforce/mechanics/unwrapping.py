@@ -34,7 +34,7 @@ class JointSensors(NamedTuple):
 
 @dataclass(frozen=True)
 class Unwrapping:
-    """Adds whole turns to the readings of a machine's angle sensors.
+    """Add whole turns to the readings of a machine's angle sensors.
 
     A joint moves by less than a turn, so one number of turns k puts its angle theta + 2 pi k within half a turn of the
     middle of its range. For an inclinometer theta is the reading less the inclination of the link before. The chassis

@@ -144,7 +144,7 @@ class _Search:
 
     @cached_property
     def _candidates(self) -> list[int]:
-        """The forms that may be a cause and show; where one effect only is asked, it may do so anywhere."""
+        """Return the forms that may be a cause and act at a joint with a gap; with `only`, at any joint."""
         wanted, unit = self._wanted(self._question), self.plain.problem.spread[: len(self._values)]
         still = set() if self.only else candidates.quiet(self.plain, self._values * unit)
         return candidates.showing(self._question, self._case, wanted, still)

@@ -235,8 +235,10 @@ def _laid(found: list[FreeOfContact], count: int, idle: bool = False) -> _Seen:
 
 
 def _busy(question: Asking, found: Sequence[_Seen]) -> tuple[float, float]:
-    """The share of the rows of work in which the teeth touch the ground or a load hangs of which nothing is known, and
-    that in which one hangs."""
+    """Return the share of the working rows with contact or an unknown load, and the share with an unknown load.
+
+    Recordings in which the machine does not work are left out.
+    """
     settle, rows = question.viewer.slow.settle_steps, {True: 0, False: 0}
     for own, seen in zip(found, question.problem.faulty, strict=True):
         for s in own.stretches if not own.idle else ():
