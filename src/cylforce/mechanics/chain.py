@@ -1,7 +1,7 @@
-"""The chain of links as plane geometry in complex numbers: the real axis is x (forward), the imaginary axis z (up).
+"""The chain of links as plane geometry in complex numbers: real axis x (forward), imaginary axis z (up).
 
-A rotation by the angle q is the factor exp(i q); the derivative of a point with respect to a joint angle is i times the
-vector from that joint's pin to the point. Every function broadcasts over leading axes.
+A rotation by the angle q is the factor exp(i q). The derivative of a point by a joint angle is i times the vector from
+that joint's pin to the point. Every function broadcasts over leading axes.
 """
 
 from functools import lru_cache
@@ -19,23 +19,32 @@ Pin = tuple[int, complex]
 class Pose(NamedTuple):
     """Orientation and place of all bodies in chassis axes: body 0 is the chassis, body j the j-th link.
 
-    `turn` (..., N+1): exp(i a_j), a_j the body's absolute angle; `origin` (..., N+1) [m]: each link's inner pin (body
-    0: the first pin)."""
+    turn: (..., N+1) exp(i a_j), with a_j the body's absolute angle
+    origin: (..., N+1) each link's inner pin [m]; body 0: the first pin
+    """
 
     turn: Complex
     origin: Complex
 
 
 class Point(NamedTuple):
-    """A point `place` (...,) [m] and its derivatives `gradient` (..., N) [m/rad] with respect to the joint angles."""
+    """A point and its derivatives by the joint angles.
+
+    place: (...,) x + i z [m]
+    gradient: (..., N) [m/rad]
+    """
 
     place: Complex
     gradient: Complex
 
 
 class Pins(NamedTuple):
-    """K points fixed to bodies: number of the `body` (K,) and place `local` (K,) [m] in that body's frame; `moved`
-    (K, N): i for the joints that move the point, 0 for the joints farther out."""
+    """K points that are fixed to bodies.
+
+    body: (K,) number of the body
+    local: (K,) place in that body's frame [m]
+    moved: (K, N) i for the joints that move the point, 0 for the joints farther out
+    """
 
     body: NDArray[np.intp]
     local: Complex
@@ -44,14 +53,14 @@ class Pins(NamedTuple):
 
 @lru_cache
 def fixed(pins: tuple[Pin, ...], joints: int) -> Pins:
-    """`pins` as arrays, for a chain of N = `joints` links."""
+    """Return pins as arrays, for a chain of N = `joints` links."""
     body = np.array([body for body, _ in pins], dtype=np.intp)
     moved = np.where(np.arange(joints) < body[:, None], 1j, 0.0)
     return Pins(body, np.array([local for _, local in pins], dtype=np.complex128), moved)
 
 
 def pose(lengths: Array, theta: ArrayLike) -> Pose:
-    """Pose of a chain with pin-to-pin `lengths` (N,) [m] at joint angles `theta` (..., N) [rad]."""
+    """Return the pose of a chain with pin-to-pin lengths (N,) [m] at joint angles theta (..., N) [rad]."""
     angles = np.asarray(theta, dtype=np.float64).cumsum(axis=-1)
     shape = (*angles.shape[:-1], angles.shape[-1] + 1)
     # order F puts the samples of one body next to each other in memory: twice as fast along a recording
@@ -62,13 +71,18 @@ def pose(lengths: Array, theta: ArrayLike) -> Pose:
 
 
 def points(at: Pose, pins: Pins) -> Point:
-    """Places (..., K) [m] and gradients (..., K, N) [m/rad] of all pins at a pose."""
+    """Return places (..., K) [m] and gradients (..., K, N) [m/rad] of all pins at a pose."""
     place = at.origin[..., pins.body] + at.turn[..., pins.body] * pins.local
     return Point(place, pins.moved * (place[..., None] - at.origin[..., None, 1:]))
 
 
 def point(at: Pose, body: int, local: complex) -> Point:
-    """The point `local` [m] in the frame of a body (0: chassis): place (...,) and gradient (..., N), zero for joints
-    beyond that body."""
-    found = points(at, fixed(((body, local),), at.turn.shape[-1] - 1))
-    return Point(found.place[..., 0], found.gradient[..., 0, :])
+    """Return place (...,) [m] and gradient (..., N) [m/rad] of one point that is fixed to a body.
+
+    The gradient is zero for joints beyond that body.
+
+    body: number of the body; 0: chassis
+    local: place in the body's frame [m]
+    """
+    alone = points(at, fixed(((body, local),), at.turn.shape[-1] - 1))
+    return Point(alone.place[..., 0], alone.gradient[..., 0, :])

@@ -1,4 +1,6 @@
-"""Pins that nobody has measured yet: the nearest ones to given ones with which a cylinder's stroke covers its range."""
+"""Estimate pins that nobody has measured: those nearest to typical pins with which the stroke covers the joint's
+range.
+"""
 
 from collections.abc import Callable
 
@@ -9,20 +11,20 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import joint_angles
 from cylforce.signals.estimate import Array
 
-STEPS = 200  # where the shortest length jumps between two postures, steps zigzag
-CLOSE = 1e-5  # m, to which the lengths are met
-STEP = 1e-6  # m, of the difference that gives the derivative
-FARTHEST = 0.15  # m, by which no number changes in one step
-GRID = 61  # postures along the range
-ACROSS = 5  # of every joint that the cylinder reaches over
+STEPS = 200  # Newton steps at most: they zigzag where the shortest length jumps between two postures; chosen
+CLOSE = 1e-5  # m, error of both lengths at which the iteration ends; chosen
+STEP = 1e-6  # m, width of the central difference that gives the derivative; chosen
+FARTHEST = 0.15  # m, largest change of a coordinate in one step; chosen
+GRID = 61  # postures along the range of the driven joint; chosen
+ACROSS = 5  # angles of every joint that the cylinder reaches over; chosen
 
 
 def range_postures(machine: Machine, c: int) -> Array:
-    """Joint angles (K, N) [rad] all over the range of the joint that cylinder c drives, ends included, along the first
-    axis as that joint's angle of `drive` rises; joints that the cylinder reaches over in all of their ranges as well.
+    """Return joint angles (K, N) [rad] over the whole range of the joint that cylinder c drives, both ends included.
 
-    A link's angle range is that of its joint; where the cylinder reaches over others, the range that remains of the
-    angle of `drive` in every position of those."""
+    Along the first axis the angle of `drive` of that joint rises. Joints that the cylinder reaches over pass through
+    their own ranges as well. There the angle of `drive` keeps the range that remains in every position of those joints.
+    """
     span = machine.spans[c]
     j, over = max(span), span[:-1]
     low, high = np.array([(link.angle_low, link.angle_high) for link in machine.links]).T
@@ -36,25 +38,32 @@ def range_postures(machine: Machine, c: int) -> Array:
 
 
 def lengths(machine: Machine, c: int, linkage: Linkage) -> tuple[float, float]:
-    """Shortest and longest length [m] over the range; NaN where the linkage cannot be closed."""
-    found = linkage.stretch(machine.pose(range_postures(machine, c))).length
-    return float(np.min(found)), float(np.max(found))
+    """Return the shortest and longest length [m] of cylinder c over the range; NaN where the linkage cannot be
+    closed.
+    """
+    length = linkage.stretch(machine.pose(range_postures(machine, c))).length
+    return float(np.min(length)), float(np.max(length))
 
 
 def fitted(
     start: Array, ease: Array, ends: Callable[[Array], tuple[float, float]], wanted: tuple[float, float]
 ) -> Array:
-    """The numbers x (K,) [m] nearest to `start` (K,) for which `ends(x)` = `wanted`, shortest and longest length [m];
-    `ease` (K,): how easily each moves, as a share. Newton's method for two equations with K unknowns, each step the
-    shortest that solves them to first order: x - E (J E)^+ (ends(x) - wanted), E = diag(ease).
+    """Return the coordinates x (K,) [m] nearest to `start` for which `ends(x)` is `wanted`.
 
-    Raises ValueError when there are none nearby."""
+    Newton's method for two equations with K unknowns. Each step is the shortest that solves them to first order:
+    x - E (J E)^+ (ends(x) - wanted), E = diag(ease). Raises ValueError when there is no solution nearby.
+
+    start: (K,) typical coordinates [m]
+    ease: (K,) how far each coordinate moves relative to the others
+    ends: function of x that returns shortest and longest length [m]
+    wanted: shortest and longest length [m]
+    """
     x, target = start.astype(np.float64), np.array(wanted)
     for _ in range(STEPS):
-        left = np.array(ends(x)) - target
-        if np.max(np.abs(left)) < CLOSE:
+        error = np.array(ends(x)) - target
+        if np.max(np.abs(error)) < CLOSE:
             return x
-        step = ease * (np.linalg.pinv(_slopes(x, ends) * ease) @ left)
+        step = ease * (np.linalg.pinv(_slopes(x, ends) * ease) @ error)
         x = x - step * min(1.0, FARTHEST / float(np.max(np.abs(step))))
         if not np.all(np.isfinite(x)):
             break
@@ -62,6 +71,6 @@ def fitted(
 
 
 def _slopes(x: Array, ends: Callable[[Array], tuple[float, float]]) -> Array:
-    """Derivatives (2, K) of both lengths."""
+    """Return the derivatives (2, K) of both lengths by the coordinates, as central differences."""
     columns = [np.subtract(ends(x + d), ends(x - d)) / (2.0 * STEP) for d in STEP * np.eye(len(x))]
     return np.stack(columns, axis=-1)

@@ -5,16 +5,21 @@ from typing import NamedTuple
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.layout import Pdo
 
-HIGHEST = 0.4  # times the rate: cut-off frequency of the force where the rate is low; chosen
-LATE_PERIODS = 1.5  # of a sensor, after which its next value is late: the nearest multiple of the period is two
+HIGHEST = 0.4  # highest cut-off frequency of the force, times the step rate (Nyquist: 0.5); chosen
+LATE_PERIODS = 1.5  # periods of a sensor after which its next value is late: the nearest multiple of the period is two
 
 
 class Filters(NamedTuple):
-    """Step rate `rate_hz` and cut-off frequencies [Hz]. `channel_hz`: second-order low-pass on angles and forces before
-    anything is computed from them; `regressor_hz`: first-order low-pass of the filtered regressor; `smoothing_hz`:
-    second-order low-pass on its columns and torque. sgn(v) of friction is tanh(v / `direction_speed`) [m/s]. For the
-    force at the tool: `force_hz`, second-order low-pass of the cylinder forces; `inertia_hz`, first-order low-pass of
-    the torque of inertia."""
+    """Step rate and cut-off frequencies of all filters.
+
+    rate_hz: rate of the service's steps [Hz]
+    channel_hz: second-order low-pass on angles and forces before anything is computed from them [Hz]
+    regressor_hz: first-order low-pass of the filtered regressor [Hz]
+    smoothing_hz: second-order low-pass on the regressor's columns and on the torque [Hz]
+    direction_speed: speed v_0 of the friction's rounded sign, sgn(v) = tanh(v / v_0) [m/s]
+    force_hz: second-order low-pass of the cylinder forces, for the force at the tool [Hz]
+    inertia_hz: first-order low-pass of the torque of inertia, for the force at the tool [Hz]
+    """
 
     rate_hz: float
     channel_hz: float
@@ -26,32 +31,47 @@ class Filters(NamedTuple):
 
     @property
     def slowest_hz(self) -> float:
-        """The rate that all filters but those of the force need more than (Nyquist)."""
+        """Return the rate above which the step rate must lie for all filters but those of the force (Nyquist) [Hz]."""
         return 2.0 * max(self.channel_hz, self.regressor_hz, self.smoothing_hz)
 
     def at(self, rate_hz: float) -> "Filters":
-        """The same at another rate, those of the force no faster than it allows."""
+        """Return these filters at another step rate; the cut-offs of the force are limited to HIGHEST times that
+        rate.
+        """
         force_hz, inertia_hz = (min(hz, HIGHEST * rate_hz) for hz in (self.force_hz, self.inertia_hz))
         return self._replace(rate_hz=rate_hz, force_hz=force_hz, inertia_hz=inertia_hz)
 
 
 class SensorNode(NamedTuple):
-    """A sensor node on the bus: device profile number, identity objects (None: not checked), heartbeat period [s],
-    TPDOs, and whether the service may write their mapping."""
+    """A sensor node on the bus.
+
+    name: name in the machine file
+    node_id: CANopen node number
+    profile: number of its device profile
+    identity: vendor, product, revision and serial number of object 1018h; None: not checked
+    heartbeat_s: heartbeat period [s]
+    pdos: TPDOs that it sends
+    writable_mapping: whether the service may write the mapping of its TPDOs
+    """
 
     name: str
     node_id: int
     profile: int
-    identity: tuple[int | None, int | None, int | None, int | None]  # 1018h: vendor, product, revision, serial
+    identity: tuple[int | None, int | None, int | None, int | None]
     heartbeat_s: float
     pdos: tuple[Pdo, ...]
     writable_mapping: bool
 
 
 class Health(NamedTuple):
-    """Limits beyond which signals are not used: a value is repeated for `hold_s` [s] at most; a sensor that failed is
-    used again after `good_frames` good values; `frozen_samples` equal values while the machine moves mean a frozen
-    sensor; `max_tilt` [rad] of the chassis; `max_step_s` [s] between two ticks."""
+    """Limits beyond which signals are not used.
+
+    hold_s: longest time for which the last value is repeated [s]
+    good_frames: valid values after which a failed sensor is used again
+    frozen_samples: equal samples, while the machine moves, after which a sensor counts as frozen
+    max_tilt: largest tilt of the chassis [rad]
+    max_step_s: longest time between two ticks [s]
+    """
 
     hold_s: float
     good_frames: int
@@ -60,11 +80,16 @@ class Health(NamedTuple):
     max_step_s: float
 
 
-STANDARD = "standard"  # the tool that the machine file's last link describes
+STANDARD = "standard"  # name of the tool that the machine file's last link describes
 
 
 class Attachment(NamedTuple):
-    """A tool that can take the last link's place: its name, kind (bucket, grab, fork), and the machine with it."""
+    """A tool that can take the last link's place.
+
+    name: name in the machine file
+    kind: bucket, grab or fork
+    machine: the machine with this tool
+    """
 
     name: str
     kind: str
@@ -72,9 +97,21 @@ class Attachment(NamedTuple):
 
 
 class Service(NamedTuple):
-    """All settings of a running service: the machine, the sensor nodes, the TPDOs that it publishes, its own node id,
-    whether it sends SYNC, its heartbeat period [s], filters and limits. `machine` has the standard tool; `attachments`:
-    the others."""
+    """All settings of a running service.
+
+    machine: the machine with the standard tool
+    nodes: sensor nodes on the bus
+    publication: TPDOs that the service sends
+    node_id: CANopen node number of the service
+    sync_producer: whether it sends SYNC
+    heartbeat_s: its heartbeat period [s]
+    filters: step rate and cut-off frequencies
+    health: limits beyond which signals are not used
+    effects: names of the friction laws from which the identification chooses
+    adapt: whether friction and pressure zeros are adapted in service to temperature and wear
+    attachments: the other tools
+    j1939_address: its source address on J1939; None: nothing is sent there
+    """
 
     machine: Machine
     nodes: tuple[SensorNode, ...]
@@ -84,21 +121,21 @@ class Service(NamedTuple):
     heartbeat_s: float
     filters: Filters
     health: Health
-    effects: tuple[str, ...]  # names of the friction laws from which the identification chooses
-    adapt: bool = True  # whether friction and pressure zeros are adapted in service to temperature and wear
+    effects: tuple[str, ...]
+    adapt: bool = True
     attachments: tuple[Attachment, ...] = ()
-    j1939_address: int | None = None  # source address on J1939; None: nothing is sent there
+    j1939_address: int | None = None
 
     @property
     def tools(self) -> tuple[str, ...]:
-        """Names of all tools; a tool's number is its place here."""
+        """Return the names of all tools; the number of a tool is its position in this tuple."""
         return (STANDARD, *(attachment.name for attachment in self.attachments))
 
     def fitted(self, tool: str) -> "Service":
-        """The settings with a tool. Raises ValueError where there is none of this name."""
+        """Return the settings with another tool. Raises ValueError where there is none of this name."""
         if tool == STANDARD:
             return self
-        found = next((attachment for attachment in self.attachments if attachment.name == tool), None)
-        if found is None:
+        attachment = next((attachment for attachment in self.attachments if attachment.name == tool), None)
+        if attachment is None:
             raise ValueError(f"{tool}: is no attachment of {self.machine.name}: use one of {', '.join(self.tools)}")
-        return self._replace(machine=found.machine)
+        return self._replace(machine=attachment.machine)

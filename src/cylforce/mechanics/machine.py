@@ -1,6 +1,10 @@
-"""The machine: links, linkages, cylinders and signals as immutable values; lengths, levers, forces, base parameters."""
+"""The machine: links, linkages, cylinders and signals as immutable values.
+
+Computes cylinder lengths, levers and forces, and the base parameters of the links from the data sheet.
+"""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +14,6 @@ from cylforce.mechanics.chain import Complex, Point, Pose, point, pose
 from cylforce.mechanics.linkages import FourBar, Linkage, Linkages
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind, Signal
-from cylforce.signals.quick import once
 from cylforce.signals.units import STANDARD_GRAVITY
 
 FORCE_KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
@@ -18,10 +21,22 @@ FORCE_KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A link with its data sheet: pin-to-pin `length` [m], `mass` [kg], centre of gravity (`cx`, `cz`) [m] in its own
-    frame (origin at the inner pin, x towards the outer pin), `inertia` [kg m^2] about that centre, the range of its
-    joint angle [rad], and each number's standard error. The last link's x axis points at the tool; its `length` is not
-    used by the dynamics."""
+    """A link with the figures of its data sheet and their standard errors.
+
+    The link's own frame has its origin at the inner pin and its x axis towards the outer pin. The x axis of the last
+    link points at the tool.
+
+    name: name in the machine file
+    length: distance from inner to outer pin [m]; not used by the dynamics of the last link
+    mass: [kg]
+    cx, cz: centre of gravity in the link's frame [m]
+    inertia: moment of inertia about the centre of gravity [kg m^2]
+    angle_low, angle_high: range of its joint angle [rad]
+    mass_error: standard error of `mass` [kg]
+    centre_error: standard error of `cx` and of `cz` [m]
+    inertia_error: standard error of `inertia` [kg m^2]
+    length_error: standard error of `length` [m]
+    """
 
     name: str
     length: float
@@ -39,10 +54,16 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """A cylinder (or several in parallel: the areas [m^2] are sums) with its shortest and longest length [m].
+    """A cylinder, or several in parallel.
 
-    `rod_pressure` [Pa] is assumed where there is no rod-side sensor; `area_error` is the relative standard error of the
-    areas, `pin_error` [m] the standard error of every pin's place."""
+    name: name in the machine file
+    linkage: how it drives its joints
+    area_head, area_rod: piston area of head and rod side [m^2], summed over parallel cylinders
+    length_low, length_high: shortest and longest length [m]
+    rod_pressure: pressure assumed on the rod side where there is no sensor [Pa]
+    area_error: relative standard error of the areas
+    pin_error: standard error of the place of every pin [m]
+    """
 
     name: str
     linkage: Linkage
@@ -56,8 +77,12 @@ class Cylinder:
 
 
 class Geometry(NamedTuple):
-    """Cylinder `length` (..., C) [m], `lever` d(length)/d(angle) (..., C, N) [m/rad], `transmission` (..., C): 0 at a
-    dead point of the linkage, 1 far from it (see `linkages.Stretch`)."""
+    """Lengths of C cylinders and their derivatives by N joint angles.
+
+    length: (..., C) pin-to-pin length [m]
+    lever: (..., C, N) d(length)/d(angle) [m/rad]
+    transmission: (..., C) 0 at a dead point of the linkage, 1 far from it (see `linkages.Stretch`)
+    """
 
     length: Array
     lever: Array
@@ -68,12 +93,20 @@ class Geometry(NamedTuple):
 class Machine:
     """A chain of N links with revolute joints, driven by C cylinders and measured by S signals.
 
-    `tool`: tooth line x + i z [m] in the last link's frame; `rated_payload` [kg]; `payload_reach` [m]: distance of the
-    load's centre from the last pin, at most; `slew_axis` [m]: signed distance of the first pin from the slew axis;
-    `gravity` [m/s^2] where it works; `curled` [rad]: least and greatest angle of the last joint at which a load is
-    booked (None: any); `inertial` x + i z [m]: place of the base's inertial sensor, from the first pin;
-    `opens`: the tool empties by opening, as a grab does, not by tilting; `lengths` (N,) [m]: the
-    links' pin-to-pin lengths."""
+    name: name in the machine file
+    links: the N links, from the house outwards
+    cylinders: the C cylinders
+    signals: the S measured signals, in the order of a sample
+    tool: tooth line x + i z in the last link's frame [m]
+    rated_payload: [kg]
+    payload_reach: largest distance of the load's centre from the last pin [m]
+    slew_axis: signed distance of the first pin from the slew axis [m]
+    gravity: gravity where the machine works [m/s^2]
+    curled: least and greatest angle of the last joint at which a load is booked [rad]; None: any
+    opens: the tool empties by opening, as a grab does, not by tilting
+    inertial: place x + i z of the base's inertial sensor, from the first pin [m]
+    lengths: (N,) pin-to-pin lengths of the links [m]
+    """
 
     name: str
     links: tuple[Link, ...]
@@ -97,86 +130,101 @@ class Machine:
         """Number of links N."""
         return len(self.links)
 
-    @once
+    @cached_property
     def outward(self) -> Array:
-        """(N, N), 1 at [j, k] where link k lies beyond link j (k > j), else 0."""
+        """Return a matrix (N, N) with 1 at [j, k] where link k lies beyond link j (k > j), else 0."""
         return np.triu(np.ones((self.size, self.size)), 1)
 
-    @once
+    @cached_property
     def identity(self) -> Array:
-        """The unit matrix (N, N)."""
+        """Return the unit matrix (N, N)."""
         return np.eye(self.size)
 
-    @once
+    @cached_property
     def reach(self) -> Array:
-        """(N, N) [m], l_j at [j, k] where link k lies beyond link j (k > j), else 0."""
+        """Return a matrix (N, N) [m] with l_j at [j, k] where link k lies beyond link j (k > j), else 0."""
         return self.lengths[:, None] * self.outward
 
-    @once
+    @cached_property
     def arms(self) -> Complex:
-        """(N,) [m] vector x + i z from each link's inner pin to its outer pin (last link: to the tool), in its own
-        frame."""
+        """Return the vector x + i z (N,) [m] from each link's inner pin to its outer pin, in the link's frame.
+
+        The vector of the last link ends at the tool.
+        """
         return np.append(self.lengths[:-1], self.tool)
 
-    @once
+    @cached_property
     def sum_outward(self) -> Array:
-        """(N, N) matrix from the generalised forces Q_k of the absolute angles to joint torques: tau_j = sum_{k>=j} Q_k
-        (mechanics/README.md, section 3)."""
+        """Return the matrix (N, N) from generalised forces to joint torques: tau_j = sum_{k>=j} Q_k.
+
+        Q_k is the generalised force of the absolute angle q_k (mechanics/README.md, section 3).
+        """
         return np.triu(np.ones((self.size, self.size)))
 
     def pose(self, theta: ArrayLike) -> Pose:
-        """Pose at joint angles (..., N) [rad]."""
+        """Return the pose at joint angles theta (..., N) [rad]."""
         return pose(self.lengths, theta)
 
     def geometry(self, theta: ArrayLike) -> Geometry:
-        """Lengths, levers and transmissions of all cylinders at joint angles (..., N) [rad]; NaN where a linkage cannot
-        be closed."""
+        """Return lengths, levers and transmissions of all cylinders at joint angles theta (..., N) [rad].
+
+        NaN where a linkage cannot be closed.
+        """
         return Geometry(*self._linkages.stretch(self.pose(theta)))
 
-    @once
+    @cached_property
     def _linkages(self) -> Linkages:
+        """Return the linkages of all cylinders, to be evaluated together."""
         return Linkages(tuple(cylinder.linkage for cylinder in self.cylinders))
 
     def tool_point(self, theta: ArrayLike) -> Point:
-        """The tooth line's place in chassis axes [m] and its derivatives (..., N) [m/rad]."""
+        """Return the place of the tooth line in chassis axes [m] and its derivatives (..., N) [m/rad]."""
         return point(self.pose(theta), self.size, self.tool)
 
-    @once
+    @cached_property
     def spans(self) -> tuple[tuple[int, ...], ...]:
-        """For each cylinder the joints (from 0) that it acts on."""
+        """Return for each cylinder the numbers of the joints (from 0) on which it acts."""
         bodies = [[body for body, _ in cylinder.linkage.pins] for cylinder in self.cylinders]
         return tuple(tuple(range(min(b), max(b))) for b in bodies)
 
-    @once
+    @cached_property
     def four_bars(self) -> dict[str, FourBar]:
-        """The four-bar linkages, by name of the cylinder that drives each."""
+        """Return the four-bar linkages, by name of the cylinder that drives each."""
         return {c.name: c.linkage for c in self.cylinders if isinstance(c.linkage, FourBar)}
 
-    @once
+    @cached_property
     def carried(self) -> tuple[Cylinder, ...]:
-        """The cylinders whose foot is on a link, not on the chassis."""
+        """Return the cylinders whose foot is on a link, not on the chassis."""
         return tuple(c for c in self.cylinders if c.linkage.pins[0][0] > 0)
 
-    @once
+    @cached_property
     def forces_measured(self) -> tuple[bool, ...]:
-        """For each cylinder whether its force is measured: by a force pin, or at least by its head-side pressure."""
-        seen = {s.index for s in self.signals if s.kind in (Kind.HEAD_PRESSURE, Kind.FORCE_PIN)}
-        return tuple(c in seen for c in range(len(self.cylinders)))
+        """Return for each cylinder whether its force is measured.
 
-    @once
+        The force is measured by a force pin, or by the head-side pressure with or without the rod-side pressure.
+        """
+        measured = {s.index for s in self.signals if s.kind in (Kind.HEAD_PRESSURE, Kind.FORCE_PIN)}
+        return tuple(c in measured for c in range(len(self.cylinders)))
+
+    @cached_property
     def rows(self) -> tuple[int, ...]:
-        """The joints (from 0) whose torque is measured: at least one cylinder acts on the joint, and the force of every
-        cylinder that does is measured."""
+        """Return the joints (from 0) whose torque is measured.
+
+        At least one cylinder acts on such a joint, and the force of every cylinder that acts on it is measured.
+        """
         acting = [[c for c, span in enumerate(self.spans) if j in span] for j in range(self.size)]
         return tuple(j for j, cs in enumerate(acting) if cs and all(self.forces_measured[c] for c in cs))
 
-    @once
+    @cached_property
     def tables(self) -> tuple[tuple[Array, Array] | None, ...]:
-        """For each cylinder that acts on one joint: (lengths in ascending order [m], joint angles [rad]), the first
-        guess of `joint_angle`; None for the other cylinders."""
+        """Return a table of length and angle for each cylinder that acts on one joint, None for the others.
+
+        A table is (lengths in ascending order [m], joint angles [rad]); it gives the first guess of `joint_angle`.
+        """
         return tuple(self._table(c) for c in range(len(self.cylinders)))
 
     def _table(self, c: int) -> tuple[Array, Array] | None:
+        """Return the table of cylinder c, None where it acts on several joints."""
         if len(self.spans[c]) != 1:
             return None
         (j,) = self.spans[c]
@@ -187,10 +235,12 @@ class Machine:
         return length[order], theta[order, j]
 
     def joint_angle(self, c: int, length: ArrayLike) -> Array:
-        """Joint angle (...,) [rad] from the length (...,) [m] of cylinder `c`, which acts on one joint; NaN outside the
-        range. A table gives the first guess, Newton steps refine it (error below 1e-12 rad away from dead points).
+        """Return the joint angle (...,) [rad] at which cylinder c has a length (...,) [m]; NaN outside the joint's
+        range.
 
-        Raises ValueError for a cylinder that acts on several joints."""
+        The cylinder must act on one joint. A table gives the first guess, Newton steps refine it: the error is below
+        1e-12 rad away from dead points. Raises ValueError for a cylinder that acts on several joints.
+        """
         table = self.tables[c]
         if table is None:
             raise ValueError(f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle")
@@ -199,13 +249,15 @@ class Machine:
         theta = np.zeros((*wanted.shape, self.size))
         theta[..., j] = np.interp(wanted, *table, left=np.nan, right=np.nan)
         for _ in range(NEWTON_STEPS):
-            s = self.cylinders[c].linkage.stretch(self.pose(theta))
-            theta[..., j] -= (s.length - wanted) / s.gradient[..., j]
+            stretch = self.cylinders[c].linkage.stretch(self.pose(theta))
+            theta[..., j] -= (stretch.length - wanted) / stretch.gradient[..., j]
         return theta[..., j]
 
     def cylinder_force(self, c: int, head: Array | float, rod: Array | float) -> Array | float:
-        """F = p_head A_head - p_rod A_rod (...,) [N] of cylinder `c`, positive when it pushes, from pressures [Pa]
-        (mechanics/README.md, section 2)."""
+        """Return the force F = p_head A_head - p_rod A_rod (...,) [N] of cylinder c, positive when it pushes.
+
+        head, rod: pressures of both sides (...,) [Pa] (mechanics/README.md, section 2)
+        """
         cylinder = self.cylinders[c]
         return head * cylinder.area_head - rod * cylinder.area_rod
 
@@ -215,9 +267,11 @@ NEWTON_STEPS = 3  # reach rounding error from that table's first guess
 
 
 def base_parameters(links: tuple[Link, ...]) -> Array:
-    """Phi (3N,) = (J, X, Z) of each link from its data sheet (mechanics/README.md, section 3), mu_j the mass
-    beyond link j:
-    J = I + m (cx^2 + cz^2) + mu l^2 [kg m^2], X = m cx + mu l, Z = m cz [kg m]."""
+    """Return Phi (3N,) = (J, X, Z) of each link from its data sheet (mechanics/README.md, section 3).
+
+    With mu_j the mass beyond link j:
+    J = I + m (cx^2 + cz^2) + mu l^2 [kg m^2], X = m cx + mu l, Z = m cz [kg m].
+    """
     beyond = np.array([sum(k.mass for k in links[j + 1 :]) for j in range(len(links))])
     rows = [
         (
@@ -231,34 +285,40 @@ def base_parameters(links: tuple[Link, ...]) -> Array:
 
 
 def with_parameters(machine: Machine, phi: Array) -> Machine:
-    """The machine whose links have such centres of gravity and inertias that its `base_parameters` are `phi` (3N,);
-    masses stay as they were."""
+    """Return the machine with such centres of gravity and inertias that its `base_parameters` are phi (3N,).
+
+    The masses stay as they were.
+    """
     links = []
     for j, (link, (inertia, x, z)) in enumerate(zip(machine.links, phi.reshape(-1, 3).tolist(), strict=True)):
         mu = sum(other.mass for other in machine.links[j + 1 :])
         cx, cz = (x - mu * link.length) / link.mass, z / link.mass
-        own = inertia - link.mass * (cx**2 + cz**2) - mu * link.length**2
-        links.append(replace(link, cx=cx, cz=cz, inertia=own))
+        about_centre = inertia - link.mass * (cx**2 + cz**2) - mu * link.length**2
+        links.append(replace(link, cx=cx, cz=cz, inertia=about_centre))
     return replace(machine, links=tuple(links))
 
 
 def base_parameter_covariance(links: tuple[Link, ...]) -> Array:
-    """Covariance (3N, 3N) of `base_parameters` from the standard errors of the data sheet, by first-order error
-    propagation."""
+    """Return the covariance (3N, 3N) of `base_parameters`.
+
+    First-order propagation of the standard errors of the data sheet.
+    """
     spread = base_parameter_spread(links)
     return np.asarray(spread @ spread.T)
 
 
 def base_parameter_spread(links: tuple[Link, ...]) -> Array:
-    """(3N, 4N): what a standard error of each figure of the data sheet - mass, centre x, centre z and inertia of each
-    link - changes of `base_parameters`."""
+    """Return the change (3N, 4N) of `base_parameters` by one standard error of each figure of the data sheet.
+
+    The columns of a link are mass, centre x, centre z and inertia.
+    """
     scale = [(k.mass_error, k.centre_error, k.centre_error, k.inertia_error) for k in links]
     gradient = np.concatenate([_mass_gradient(links, j) for j in range(len(links))], axis=1)
     return np.asarray(gradient * np.array(scale).reshape(-1))
 
 
 def _mass_gradient(links: tuple[Link, ...], j: int) -> Array:
-    """d(Phi)/d(mass, cx, cz, inertia) (3N, 4) of link j."""
+    """Return d(Phi)/d(mass, cx, cz, inertia) (3N, 4) of link j."""
     k, gradient = links[j], np.zeros((3 * len(links), 4))
     for i in range(j):
         gradient[3 * i : 3 * i + 2, 0] = (links[i].length ** 2, links[i].length)

@@ -1,5 +1,4 @@
-"""Motion of the machine, at one instant or along a recording: the inputs from which columns and torques are
-computed."""
+"""Motion of the machine, at one instant or along a recording: the inputs of columns and torques."""
 
 from typing import NamedTuple
 
@@ -10,19 +9,25 @@ from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.signals.estimate import Array
 
-UNKNOWN = np.zeros(0)  # stands for a force rate that was not computed
+UNKNOWN = np.zeros(0)  # a force rate that was not computed
 
 
 class Motion(NamedTuple):
     """Motion of N links and C cylinders; leading axes are samples.
 
-    `a` (..., N): absolute link angles from the chassis plane [rad]; `q` = a + pitch: from the true horizontal [rad];
-    `qd` (..., N): rate of q [rad/s]; `g` (...,): specific force s of the first pin within the arm's plane, s_z + i s_x
-    in true vertical and horizontal [m/s^2], while the base stands or its acceleration is not measured the real number
-    g cos(roll); `slew` (...,):
-    turning rate of the house [rad/s]; `length` (..., C) [m], `lever` (..., C, N) [m/rad], `transmission` (..., C): see
-    `Geometry`; `speed` (..., C): d(length)/dt [m/s]; `force` (..., C): measured cylinder forces [N]; `force_rate`
-    (..., C): their time derivative [N/s], zero where it was not computed."""
+    a: (..., N) absolute link angles from the chassis plane [rad]
+    q: (..., N) a + pitch, link angles from the true horizontal [rad]
+    qd: (..., N) rate of q [rad/s]
+    g: (...,) specific force of the first pin within the arm's plane, s_z + i s_x in true vertical and horizontal
+        [m/s^2]; the real number g cos(roll) while the base stands or its acceleration is not measured
+    slew: (...,) turning rate of the house [rad/s]
+    length: (..., C) cylinder lengths [m]
+    lever: (..., C, N) d(length)/d(angle) [m/rad]
+    transmission: (..., C) see `Geometry`
+    speed: (..., C) d(length)/dt [m/s]
+    force: (..., C) measured cylinder forces [N]
+    force_rate: (..., C) time derivative of `force` [N/s]; zero where it was not computed
+    """
 
     a: Array
     q: Array
@@ -38,9 +43,14 @@ class Motion(NamedTuple):
 
 
 class Attitude(NamedTuple):
-    """Attitude of the chassis: `pitch`, `roll` [rad]; `pitch_rate` [rad/s] from a gyro, never the derivative of the
-    tilt angle (mechanics/README.md, section 1); turning rate of the house `slew` [rad/s]; `specific`: force of the
-    first pin within the arm's plane, s_x + i s_z in the house's axes [m/s^2], None where it is not measured."""
+    """Attitude of the chassis.
+
+    pitch, roll: (...,) [rad]
+    pitch_rate: (...,) from a gyro [rad/s], never the derivative of the tilt angle (mechanics/README.md, section 1)
+    slew: (...,) turning rate of the house [rad/s]
+    specific: (...,) specific force of the first pin within the arm's plane, s_x + i s_z in the house's axes [m/s^2];
+        None: not measured
+    """
 
     pitch: ArrayLike = 0.0
     roll: ArrayLike = 0.0
@@ -60,36 +70,44 @@ def motion(
     attitude: Attitude = LEVEL,
     geometry: Geometry | None = None,
 ) -> Motion:
-    """Motion from joint angles `theta` [rad] and rates `thetad` [rad/s] (..., N) and cylinder forces (..., C) [N];
-    `geometry`: that of these angles, where the caller has it already. The force rate is set to zero."""
+    """Return the motion from joint angles, joint rates and cylinder forces, with a force rate of zero.
+
+    theta: joint angles (..., N) [rad]
+    thetad: joint rates (..., N) [rad/s]
+    force: cylinder forces (..., C) [N]
+    attitude: attitude of the chassis
+    geometry: cylinder geometry at `theta`, if it is computed already
+    """
     angles, rates = np.asarray(theta, dtype=np.float64), np.asarray(thetad, dtype=np.float64)
     geometry = machine.geometry(angles) if geometry is None else geometry
     a = angles.cumsum(axis=-1)
-    pushed = np.asarray(force, dtype=np.float64)
-    each = np.zeros(a.shape[:-1])  # adding it gives a single number the shape of the samples
+    forces = np.asarray(force, dtype=np.float64)
+    per_sample = np.zeros(a.shape[:-1])  # added to a single number, it gives the shape of the samples
     return Motion(
         a=a,
         q=a + np.asarray(attitude.pitch)[..., None],
         qd=rates.cumsum(axis=-1) + np.asarray(attitude.pitch_rate)[..., None],
-        g=_gravity(machine, attitude) + each,
-        slew=np.asarray(attitude.slew, dtype=np.float64) + each,
+        g=_gravity(machine, attitude) + per_sample,
+        slew=np.asarray(attitude.slew, dtype=np.float64) + per_sample,
         length=geometry.length,
         lever=geometry.lever,
         transmission=geometry.transmission,
         speed=(geometry.lever @ rates[..., None])[..., 0],
-        force=pushed,
-        force_rate=np.zeros_like(pushed),
+        force=forces,
+        force_rate=np.zeros_like(forces),
     )
 
 
 def _gravity(machine: Machine, attitude: Attitude) -> Array | Complex:
-    """`Motion.g`: i conj(s) exp(-i pitch) of the specific force s = s_x + i s_z, else g cos(roll)."""
+    """Return `Motion.g`: i conj(s) exp(-i pitch) of the specific force s = s_x + i s_z, else g cos(roll)."""
     if attitude.specific is None:
         return np.asarray(machine.gravity * np.cos(np.asarray(attitude.roll, dtype=np.float64)))
     return np.asarray(1j * np.conj(attitude.specific) * np.exp(-1j * np.asarray(attitude.pitch)))
 
 
 def joint_torque(moving: Motion) -> Array:
-    """Joint torques tau_j = sum_c F_c d(ell_c)/d(theta_j) (..., N) [N m], by virtual work, for any linkage
-    (mechanics/README.md, section 2)."""
+    """Return the joint torques tau_j = sum_c F_c d(ell_c)/d(theta_j) (..., N) [N m], by virtual work, for any linkage.
+
+    See mechanics/README.md, section 2.
+    """
     return np.asarray((moving.force[..., None, :] @ moving.lever)[..., 0, :])

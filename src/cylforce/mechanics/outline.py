@@ -1,4 +1,4 @@
-"""What is drawn of an arm at a posture: named pins, links as outlines, cylinders and bars as lines; metres."""
+"""Outline of an arm at a posture, for drawings: named pins, links as polygons, cylinders and bars as lines [m]."""
 
 from typing import NamedTuple
 
@@ -8,11 +8,16 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
 Place = complex
-NAMES = {"foot": "cylinder foot", "eye": "cylinder eye"}
+NAMES = {"foot": "cylinder foot", "eye": "cylinder eye"}  # in a drawing, of the pins that belong to the cylinder itself
 
 
 class NamedPin(NamedTuple):
-    """A pin: name, body that it is fixed to (None: none, it moves with a rocker), place in that body's frame."""
+    """A pin of the machine.
+
+    name: e.g. "boom pin", "stick cylinder foot"
+    body: name of the body to which it is fixed; None: it moves with a rocker
+    local: place x + i z in that body's frame [m]; None with a rocker
+    """
 
     name: str
     body: str | None
@@ -20,8 +25,15 @@ class NamedPin(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """An arm at one posture [m], x + i z from the first pin: `pins` in the order of `pin_list`, corners of every link,
-    cylinders as (foot, eye), rockers as triangles, coupling links as lines, the chassis' pins."""
+    """An arm at one posture, places x + i z from the first pin [m].
+
+    pins: all pins, in the order of `pin_list`
+    links: corners of every link
+    cylinders: (foot, eye) of every cylinder
+    rockers: three corners of every rocker
+    bars: both ends of every coupling link
+    chassis: pins on the chassis
+    """
 
     pins: tuple[Place, ...]
     links: tuple[tuple[Place, ...], ...]
@@ -32,26 +44,26 @@ class Outline(NamedTuple):
 
 
 def pin_list(machine: Machine) -> tuple[NamedPin, ...]:
-    """Every pin of the machine: the links' inner pins and the tool, then those of each cylinder's linkage."""
+    """Return every pin of the machine: the links' inner pins, the tool, then the pins of each cylinder's linkage."""
     bodies = ("chassis", *(link.name for link in machine.links))
-    found = [NamedPin(f"{link.name} pin", link.name, 0j) for link in machine.links]
-    found.append(NamedPin("tool", machine.links[-1].name, machine.tool))
+    pins = [NamedPin(f"{link.name} pin", link.name, 0j) for link in machine.links]
+    pins.append(NamedPin("tool", machine.links[-1].name, machine.tool))
     middle = machine.pose(np.zeros(machine.size))
     for cylinder in machine.cylinders:
-        fixed = dict(zip(("foot", "rocker pin", "link pin"), cylinder.linkage.pins, strict=False))
+        fixed_pins = dict(zip(("foot", "rocker pin", "link pin"), cylinder.linkage.pins, strict=False))
         if len(cylinder.linkage.pins) == 2:
-            fixed = dict(zip(("foot", "eye"), cylinder.linkage.pins, strict=True))
+            fixed_pins = dict(zip(("foot", "eye"), cylinder.linkage.pins, strict=True))
         for name in cylinder.linkage.places(middle):
-            body, local = fixed.get(name, (None, None))
+            body, local = fixed_pins.get(name, (None, None))
             full = f"{cylinder.name} {NAMES.get(name, name)}"
-            if name == "rocker end" and cylinder.linkage.places(middle).keys() == {*fixed, name}:
+            if name == "rocker end" and cylinder.linkage.places(middle).keys() == {*fixed_pins, name}:
                 full += ", cylinder eye"
-            found.append(NamedPin(full, None if body is None else bodies[body], local))
-    return tuple(found)
+            pins.append(NamedPin(full, None if body is None else bodies[body], local))
+    return tuple(pins)
 
 
 def outline(machine: Machine, theta: Array) -> Outline:
-    """The arm at joint angles (N,) [rad]."""
+    """Return the outline of the arm at joint angles theta (N,) [rad]."""
     at = machine.pose(theta)
     origins, tool = [complex(z) for z in at.origin[1:]], complex(machine.tool_point(theta).place)
     places = [{name: complex(z) for name, z in c.linkage.places(at).items()} for c in machine.cylinders]
@@ -59,19 +71,19 @@ def outline(machine: Machine, theta: Array) -> Outline:
     for c in machine.cylinders:
         for body, local in c.linkage.pins:
             corners[body].append(complex(at.origin[body] + at.turn[body] * local))
-    four = [p for p in places if "rocker pin" in p]
+    four_bars = [p for p in places if "rocker pin" in p]
     return Outline(
         pins=(*origins, tool, *(z for p in places for z in p.values())),
         links=tuple(hull(part) for part in corners[1:]),
         cylinders=tuple((p["foot"], p.get("eye", p.get("rocker end", 0j))) for p in places),
-        rockers=tuple((p["rocker pin"], p["rocker end"], p.get("eye", p["rocker end"])) for p in four),
-        bars=tuple((p["rocker end"], p["link pin"]) for p in four),
+        rockers=tuple((p["rocker pin"], p["rocker end"], p.get("eye", p["rocker end"])) for p in four_bars),
+        bars=tuple((p["rocker end"], p["link pin"]) for p in four_bars),
         chassis=tuple(corners[0]),
     )
 
 
 def hull(points: list[Place]) -> tuple[Place, ...]:
-    """Corners of the convex hull, anticlockwise (monotone chain, Andrew 1979)."""
+    """Return the corners of the convex hull, anticlockwise (monotone chain, Andrew 1979)."""
     order = sorted(set(points), key=lambda z: (z.real, z.imag))
     if len(order) < 3:
         return tuple(order)
@@ -80,9 +92,10 @@ def hull(points: list[Place]) -> tuple[Place, ...]:
 
 
 def _chain(order: list[Place]) -> list[Place]:
-    found: list[Place] = []
+    """Return the corners of one side of the hull: only left turns remain."""
+    corners: list[Place] = []
     for z in order:
-        while len(found) > 1 and ((found[-1] - found[-2]).conjugate() * (z - found[-1])).imag <= 0.0:
-            found.pop()
-        found.append(z)
-    return found
+        while len(corners) > 1 and ((corners[-1] - corners[-2]).conjugate() * (z - corners[-1])).imag <= 0.0:
+            corners.pop()
+        corners.append(z)
+    return corners

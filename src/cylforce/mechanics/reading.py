@@ -1,4 +1,4 @@
-"""Angles, cylinder forces and torques directly from raw signals, without filters."""
+"""Compute angles, cylinder forces and torques directly from raw signals, without filters."""
 
 import numpy as np
 
@@ -6,18 +6,18 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-FITTED_S = 0.3  # s: short beside a move, long enough for angles that are read to a milliradian; chosen
+FITTED_S = 0.3  # s, length of a fitted parabola: short beside a move, long enough for a resolution of 1 mrad; chosen
 
 
 def angle_signal(machine: Machine, joint: int) -> int | None:
-    """Number of the signal that measures a joint's angle or its link's inclination; None where there is none."""
+    """Return the number of the signal that measures a joint's angle or its link's inclination; None: there is none."""
     kinds = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
-    found = [k for k, s in enumerate(machine.signals) if s.kind in kinds and s.index == joint]
-    return found[0] if found else None
+    matching = [k for k, s in enumerate(machine.signals) if s.kind in kinds and s.index == joint]
+    return matching[0] if matching else None
 
 
 def cylinder_forces(machine: Machine, values: Array) -> Array:
-    """Forces (T, C) [N] of all cylinders from signals (T, S) in SI units; 0 where not measured."""
+    """Return the forces (T, C) [N] of all cylinders from signals (T, S) [SI]; 0 where a force is not measured."""
     place = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
     forces = np.zeros((len(values), len(machine.cylinders)))
     for c, cylinder in enumerate(machine.cylinders):
@@ -31,8 +31,10 @@ def cylinder_forces(machine: Machine, values: Array) -> Array:
 
 
 def joint_angles(machine: Machine, values: Array) -> Array:
-    """Joint angles (T, N) [rad] from signals (T, S): the reading of the joint's own sensor, an inclination less that of
-    the next link inwards, else the middle of the joint's range. A rough posture only."""
+    """Return rough joint angles (T, N) [rad] from signals (T, S) [SI].
+
+    Use the joint's own sensor, else an inclination less that of the next link inwards, else the middle of the range.
+    """
     angles = np.tile([(link.angle_low + link.angle_high) / 2.0 for link in machine.links], (len(values), 1))
     for joint in range(machine.size):
         signal = angle_signal(machine, joint)
@@ -44,14 +46,16 @@ def joint_angles(machine: Machine, values: Array) -> Array:
 
 
 def pitch(machine: Machine, values: Array) -> Array:
-    """Pitch (T,) [rad] of the house from signals (T, S); 0 where none is measured."""
-    found = [k for k, signal in enumerate(machine.signals) if signal.kind is Kind.PITCH]
-    return values[:, found[0]] if found else np.zeros(len(values))
+    """Return the pitch (T,) [rad] of the house from signals (T, S) [SI]; 0 where none is measured."""
+    matching = [k for k, signal in enumerate(machine.signals) if signal.kind is Kind.PITCH]
+    return values[:, matching[0]] if matching else np.zeros(len(values))
 
 
 def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
-    """Torque (T,) [N m] of the cylinders on a joint from signals (T, S), unfiltered, at the posture of
-    `joint_angles`."""
+    """Return the torque (T,) [N m] of the cylinders on a joint from signals (T, S) [SI], unfiltered.
+
+    The posture is that of `joint_angles`.
+    """
     at, forces = machine.pose(joint_angles(machine, values)), cylinder_forces(machine, values)
     acting = [c for c, span in enumerate(machine.spans) if joint in span]
     levers = [machine.cylinders[c].linkage.stretch(at).gradient[:, joint] for c in acting]
@@ -59,9 +63,15 @@ def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
 
 
 def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array:
-    """Torque (T,) [N m] that holds and moves the links from a joint outwards, by their data sheets' masses, at the
-    posture of `joint_angles` and the measured pitch, at times t (T,) [s]: what the cylinders supply, less their own
-    friction. Accelerations are those of parabolas fitted over `FITTED_S`."""
+    """Return the torque (T,) [N m] that holds and moves the links from a joint outwards, by the data sheet's masses.
+
+    This is what the cylinders supply without their own friction. The posture is that of `joint_angles` and the measured
+    pitch. Accelerations are those of parabolas fitted over FITTED_S.
+
+    values: signals (T, S) [SI]
+    t: times (T,) [s]
+    joint: number of the joint
+    """
     from scipy.signal import savgol_filter  # not needed by the service, which needs no accelerations
 
     step = float(np.mean(np.diff(t))) if len(t) > 1 else 1.0
@@ -74,6 +84,7 @@ def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array
     centre = at.origin[:, 1:] + at.turn[:, 1:] * [complex(link.cx, link.cz) for link in links]
 
     def accelerated(x: Array) -> Array:
+        """Return the second time derivative of fitted parabolas."""
         return np.asarray(savgol_filter(x, window, 2, deriv=2, delta=step, axis=0))
 
     pushed = (accelerated(centre.real) + 1j * (accelerated(centre.imag) + machine.gravity)) * [x.mass for x in links]
@@ -83,8 +94,12 @@ def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array
 
 
 def followed(course: Array, t: Array, constant: float) -> Array:
-    """First-order lag of a signal `course` (T,) at evenly spaced times t (T,) [s] with a time `constant` [s]; settled
-    at the first sample."""
+    """Return the first-order lag of a signal, settled at the first sample.
+
+    course: signal (T,)
+    t: evenly spaced times (T,) [s]
+    constant: time constant [s]
+    """
     from scipy.signal import lfilter  # not needed by the service, which measures without it
 
     keep = float(np.exp(-np.mean(np.diff(t)) / constant)) if len(t) > 1 else 0.0

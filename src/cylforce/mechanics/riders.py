@@ -1,7 +1,8 @@
-"""Points that move with the arm, along a motion: places, velocities, and how both follow from the joint angles.
+"""Points that move with the arm: places, velocities, and their derivatives by the joint angles.
 
-Everything is kept joint by joint, in lists: of arrays along a recording, of Python's own numbers at one instant, which
-are handled several times faster than arrays of three."""
+Values are kept joint by joint in lists: of arrays along a recording, of Python numbers at one instant. Python numbers
+are several times faster than arrays of three elements.
+"""
 
 from typing import Any, NamedTuple
 
@@ -18,9 +19,14 @@ Number = float | Array
 Vector = complex | NDArray[Any]
 
 
-class Rider(NamedTuple):
-    """A point in chassis axes: its `place` [m] and `velocity` [m/s] (...,); for each joint the derivative of the place
-    by the joint's angle, `gradient` [m/rad] (...,), and the time derivative of that, `rate` [m/(rad s)]."""
+class MovingPoint(NamedTuple):
+    """A point of the arm along a motion, x + i z in chassis axes.
+
+    place: (...,) [m]
+    velocity: (...,) [m/s]
+    gradient: for each of N joints the derivative of the place by the joint's angle (...,) [m/rad]
+    rate: for each of N joints the time derivative of `gradient` (...,) [m/(rad s)]
+    """
 
     place: Vector
     velocity: Vector
@@ -28,32 +34,40 @@ class Rider(NamedTuple):
     rate: list[Vector]
 
 
-class Hinges(NamedTuple):
-    """Of every link: `place` [m] and `velocity` [m/s] of its inner pin in chassis axes, its direction `turn`, its rate
-    `qd` [rad/s]; the four-bars' rockers that were asked for so far, by their pins and lengths."""
+class LinkMotion(NamedTuple):
+    """Motion of the N links, x + i z in chassis axes.
+
+    place: for each link the place of its inner pin (...,) [m]
+    velocity: for each link the velocity of its inner pin (...,) [m/s]
+    turn: for each link its direction exp(i a) (...,)
+    qd: for each link its absolute rate (...,) [rad/s]
+    rockers: pin and end of the four-bars' rockers that were computed so far
+    """
 
     place: list[Vector]
     velocity: list[Vector]
     turn: list[Vector]
     qd: list[Number]
-    rockers: dict[FourBar, tuple[Rider, Rider]]
+    rockers: dict[FourBar, tuple[MovingPoint, MovingPoint]]
 
 
-_last: tuple[Machine, Motion, Hinges] | None = None  # several effects ask for the links of one motion, in turn
+_last: tuple[Machine, Motion, LinkMotion] | None = None  # result for the last motion: several effects need it in turn
 
 
-def pins(machine: Machine, moving: Motion) -> Hinges:
-    """The links along a motion."""
-    global _last  # noqa: PLW0603 - what was computed last, not a state
-    last = _last
-    if last is not None and last[1] is moving and last[0] is machine:
-        return last[2]
-    found = _pins(machine, moving)
-    _last = (machine, moving, found)
-    return found
+def link_motion(machine: Machine, moving: Motion) -> LinkMotion:
+    """Return the motion of all links."""
+    global _last  # noqa: PLW0603 - a cache of one result, not a state
+    if _last is not None:
+        last_machine, last_motion, links = _last
+        if last_motion is moving and last_machine is machine:
+            return links
+    links = _link_motion(machine, moving)
+    _last = (machine, moving, links)
+    return links
 
 
-def _pins(machine: Machine, moving: Motion) -> Hinges:
+def _link_motion(machine: Machine, moving: Motion) -> LinkMotion:
+    """Return the motion of all links, from the first pin outwards."""
     turned = np.exp(1j * moving.a)
     turn: list[Vector] = _joints(turned)
     qd: list[Number] = _joints(moving.qd)
@@ -61,40 +75,45 @@ def _pins(machine: Machine, moving: Motion) -> Hinges:
     for length, e, rate in zip(machine.lengths[:-1].tolist(), turn, qd, strict=False):
         place.append(place[-1] + length * e)
         velocity.append(velocity[-1] + 1j * length * e * rate)
-    return Hinges(place, velocity, turn, qd, {})
+    return LinkMotion(place=place, velocity=velocity, turn=turn, qd=qd, rockers={})
 
 
 def _joints(values: NDArray[Any]) -> list[Any]:
-    """The N columns of (..., N)."""
+    """Return the N columns of values (..., N) as a list."""
     return values.tolist() if values.ndim == 1 else list(np.moveaxis(values, -1, 0))
 
 
-def rider(at: Hinges, pin: Pin) -> Rider:
-    """A point that is fixed to a body (0: the chassis)."""
+def body_point(at: LinkMotion, pin: Pin) -> MovingPoint:
+    """Return the motion of a point that is fixed to a body.
+
+    pin: number of the body (0: the chassis) and place x + i z in its frame [m]
+    """
     (body, local), still = pin, 0.0 * at.turn[0]
     place: Vector = local + still
     velocity: Vector = still
     if body:
-        own = local * at.turn[body - 1]
-        place, velocity = at.place[body - 1] + own, at.velocity[body - 1] + 1j * own * at.qd[body - 1]
+        arm = local * at.turn[body - 1]
+        place, velocity = at.place[body - 1] + arm, at.velocity[body - 1] + 1j * arm * at.qd[body - 1]
     beyond = [still] * (len(at.turn) - body)
     gradient = [1j * (place - p) for p in at.place[:body]]
-    return Rider(place, velocity, gradient + beyond, [1j * (velocity - v) for v in at.velocity[:body]] + beyond)
+    return MovingPoint(place, velocity, gradient + beyond, [1j * (velocity - v) for v in at.velocity[:body]] + beyond)
 
 
-def rocker(at: Hinges, bars: FourBar) -> tuple[Rider, Rider]:
-    """The pin of a four-bar's rocker and the rocker's end; not a number where the linkage cannot be closed.
+def rocker_points(at: LinkMotion, bars: FourBar) -> tuple[MovingPoint, MovingPoint]:
+    """Return the motion of the pin of a four-bar's rocker and of the rocker's end; NaN where the linkage cannot be
+    closed.
 
-    The link stays as long as it is, so that bar . base' = sine spin: bar the vector from the link's pin to the rocker's
-    end, base from the rocker's pin to the link's, sine = arm x bar, and spin the rocker's turning by a joint's angle.
+    The link keeps its length, so that bar . base' = sine spin, with bar the vector from the link's pin to the rocker's
+    end, base from the rocker's pin to the link's, sine = arm x bar, and spin the rocker's rotation by a joint's angle.
     """
     if bars not in at.rockers:
-        at.rockers[bars] = _rocker(at, bars)
+        at.rockers[bars] = _rocker_points(at, bars)
     return at.rockers[bars]
 
 
-def _rocker(at: Hinges, bars: FourBar) -> tuple[Rider, Rider]:
-    pin, link = rider(at, bars.rocker_pin), rider(at, bars.link_pin)
+def _rocker_points(at: LinkMotion, bars: FourBar) -> tuple[MovingPoint, MovingPoint]:
+    """Return pin and end of a four-bar's rocker, without the cache."""
+    pin, link = body_point(at, bars.rocker_pin), body_point(at, bars.link_pin)
     base, gradient, rate = link.place - pin.place, _less(link.gradient, pin.gradient), _less(link.rate, pin.rate)
     arm = _arm(bars, base)
     bar = arm - base
@@ -106,7 +125,7 @@ def _rocker(at: Hinges, bars: FourBar) -> tuple[Rider, Rider]:
     grows = _cross(velocity, bar) + _cross(arm, speed)
     swinging = zip(spin[both:], gradient[both:], rate[both:], strict=True)
     gains = [0.0] * both + [(_dot(speed, g) + _dot(bar, h) - grows * s) * inverse for s, g, h in swinging]
-    end = Rider(
+    end = MovingPoint(
         pin.place + arm,
         pin.velocity + velocity,
         [g + 1j * arm * s for g, s in zip(pin.gradient, spin, strict=True)],
@@ -115,16 +134,17 @@ def _rocker(at: Hinges, bars: FourBar) -> tuple[Rider, Rider]:
     return pin, end
 
 
-def eye(at: Hinges, linkage: Linkage) -> Rider:
-    """The cylinder's rod end; not a number where the linkage cannot be closed."""
+def eye_point(at: LinkMotion, linkage: Linkage) -> MovingPoint:
+    """Return the motion of the cylinder's rod end; NaN where the linkage cannot be closed."""
     if not isinstance(linkage, FourBar):
-        return rider(at, linkage.pins[1])
-    pin, end = rocker(at, linkage)
+        return body_point(at, linkage.pins[1])
+    pin, end = rocker_points(at, linkage)
 
     def between(start: Vector, far: Vector) -> Vector:
+        """Return the vector at the eye's share of the way from `start` to `far`."""
         return start + linkage.eye * (far - start)
 
-    return Rider(
+    return MovingPoint(
         between(pin.place, end.place),
         between(pin.velocity, end.velocity),
         [between(*pair) for pair in zip(pin.gradient, end.gradient, strict=True)],
@@ -132,8 +152,8 @@ def eye(at: Hinges, linkage: Linkage) -> Rider:
     )
 
 
-def on_line(foot: Rider, end: Rider, distance: float) -> Rider:
-    """The point on the line from `foot` to `end`, at a fixed `distance` [m] from the foot."""
+def point_on_line(foot: MovingPoint, end: MovingPoint, distance: float) -> MovingPoint:
+    """Return the motion of the point on the line from `foot` to `end`, at a fixed distance [m] from the foot."""
     line, speed = end.place - foot.place, end.velocity - foot.velocity
     inverse = _inverse(_size(line))
     along = line * inverse
@@ -142,7 +162,7 @@ def on_line(foot: Rider, end: Rider, distance: float) -> Rider:
     swings = [_dot(across, b - a) * inverse for a, b in zip(foot.gradient, end.gradient, strict=True)]
     slopes = zip(foot.gradient, end.gradient, foot.rate, end.rate, swings, strict=True)
     gains = [(_dot(across, d - c) - turning * _dot(along, b - a)) * inverse - grows * s for a, b, c, d, s in slopes]
-    return Rider(
+    return MovingPoint(
         foot.place + distance * along,
         foot.velocity + distance * turning * across,
         [a + distance * s * across for a, s in zip(foot.gradient, swings, strict=True)],
@@ -150,15 +170,23 @@ def on_line(foot: Rider, end: Rider, distance: float) -> Rider:
     )
 
 
-def upward(moving: Motion) -> Vector:
-    """Gravity as a factor: what it does along a vector is the imaginary part of the product."""
-    found = moving.g * np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))
-    return complex(found) if moving.q.ndim == 1 else np.asarray(found)
+def gravity_factor(moving: Motion) -> Vector:
+    """Return gravity as a complex factor: the imaginary part of factor times vector is g times the vector's rise."""
+    factor = moving.g * np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))
+    return complex(factor) if moving.q.ndim == 1 else np.asarray(factor)
 
 
-def of_mass(at: Rider, up: Vector, turning: Number, axis: float) -> tuple[list[Number], list[Number]]:
-    """Momentum and static torque by joints of a unit mass: p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j,
-    with x_j the derivatives of its place by the joints' angles, rho its distance from the slew axis."""
+def unit_mass_torque(at: MovingPoint, up: Vector, turning: Number, axis: float) -> tuple[list[Number], list[Number]]:
+    """Return momentum and static torque of a unit mass, by joints.
+
+    p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with x_j the derivatives of its place by the joints'
+    angles, rho its distance from the slew axis.
+
+    at: motion of the mass
+    up: `gravity_factor` of the motion
+    turning: square of the slew rate Omega^2 (...,) [rad^2/s^2]
+    axis: signed distance of the first pin from the slew axis [m]
+    """
     x, z, thrown = at.velocity.real, at.velocity.imag, turning * (axis + at.place.real)
     momentum = [g.real * x + g.imag * z for g in at.gradient]
     static = [
@@ -167,29 +195,34 @@ def of_mass(at: Rider, up: Vector, turning: Number, axis: float) -> tuple[list[N
     return momentum, static
 
 
-def _less(these: list[Any], those: list[Any]) -> list[Any]:
-    return [a - b for a, b in zip(these, those, strict=False)]
+def _less(minuend: list[Any], subtrahend: list[Any]) -> list[Any]:
+    """Return the differences of two lists, as long as the shorter one."""
+    return [a - b for a, b in zip(minuend, subtrahend, strict=False)]
 
 
 def _arm(bars: FourBar, base: Vector) -> Vector:
+    """Return `FourBar.arm`, a Python number for a Python number."""
     if not isinstance(base, complex):
         return bars.arm(base)
     return complex(bars.arm(np.asarray(base)))
 
 
 def _inverse(value: Number) -> Number:
-    """1/value, infinite for zero."""
-    found = np.divide(1.0, value)
-    return float(found) if isinstance(value, float) else np.asarray(found)
+    """Return 1/value, infinite for zero."""
+    inverse = np.divide(1.0, value)
+    return float(inverse) if isinstance(value, float) else np.asarray(inverse)
 
 
 def _size(a: Vector) -> Number:
+    """Return the length of a vector."""
     return abs(a) if isinstance(a, complex) else np.abs(a)
 
 
 def _dot(a: Vector, b: Vector) -> Number:
+    """Return the scalar product of two vectors x + i z."""
     return a.real * b.real + a.imag * b.imag
 
 
 def _cross(a: Vector, b: Vector) -> Number:
+    """Return the cross product a_x b_z - a_z b_x of two vectors x + i z."""
     return a.real * b.imag - a.imag * b.real

@@ -1,7 +1,8 @@
-"""Readings of angle sensors with the whole turns that the machine's joints allow."""
+"""Add to readings of angle sensors the whole turns that the ranges of the joints require."""
 
 from collections.abc import MutableSequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
-from cylforce.signals.quick import once
 from cylforce.signals.turns import is_circle, nearest
 
 
@@ -36,78 +36,90 @@ class JointSensors(NamedTuple):
 class Unwrapping:
     """Add whole turns to the readings of a machine's angle sensors.
 
-    A joint moves by less than a turn, so one number of turns k puts its angle theta + 2 pi k within half a turn of the
-    middle of its range. For an inclinometer theta is the reading less the inclination of the link before. The chassis
-    stands upright: its middle is 0. Each sample is taken by itself, so that the result does not depend on the samples
-    before: it is right after a start and after a gap. The slew angle has no range; `Channels` follows it.
+    A joint moves by less than a turn. Therefore one number of turns k puts its angle theta + 2 pi k within half a turn
+    of the middle of its range. For an inclinometer, theta is the reading less the inclination of the link before. The
+    chassis stands upright: its middle is 0. Each sample is unwrapped by itself, so that the result is right after a
+    start and after a gap. The slew angle has no range; `Channels` unwraps it from sample to sample.
+
+    machine: the machine whose joints limit the angles
     """
 
     machine: Machine
 
-    @once
-    def _place(self) -> dict[tuple[Kind, int], int]:
+    @cached_property
+    def _number(self) -> dict[tuple[Kind, int], int]:
+        """Return the number of each signal, by kind and index."""
         return {(s.kind, s.index): k for k, s in enumerate(self.machine.signals)}
 
-    @once
+    @cached_property
     def _pitch(self) -> int | None:
-        return self._place.get((Kind.PITCH, 0))
+        """Return the number of the signal of the chassis' pitch; None: not measured."""
+        return self._number.get((Kind.PITCH, 0))
 
-    @once
+    @cached_property
     def _house(self) -> tuple[int, ...]:
         """Return the numbers of the signals of the chassis' tilt."""
-        return tuple(k for kind in (Kind.PITCH, Kind.ROLL) if (k := self._place.get((kind, 0))) is not None)
+        return tuple(k for kind in (Kind.PITCH, Kind.ROLL) if (k := self._number.get((kind, 0))) is not None)
 
-    @once
+    @cached_property
     def _joints(self) -> tuple[JointSensors, ...]:
+        """Return the angle sensors of every joint."""
         last = max((s.index for s in self.machine.signals if s.kind is Kind.LINK_INCLINATION), default=-1)
         return tuple(self._sensors(j, needed=j < last) for j in range(self.machine.size))
 
     def _sensors(self, j: int, *, needed: bool) -> JointSensors:
         """Return the sensors of joint j; `needed`: a later joint is measured by an inclinometer."""
-        link, at = self.machine.links[j], self._place.get
-        encoder, inclined = at((Kind.JOINT_ANGLE, j)), at((Kind.LINK_INCLINATION, j))
-        found = JointSensors((link.angle_low + link.angle_high) / 2.0, encoder, inclined, None, *np.zeros((2, 0)))
+        link = self.machine.links[j]
+        encoder, inclined = (self._number.get((kind, j)) for kind in (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION))
+        sensors = JointSensors(
+            middle=(link.angle_low + link.angle_high) / 2.0,
+            encoder=encoder,
+            inclined=inclined,
+            length=None,
+            lengths=np.zeros(0),
+            angles=np.zeros(0),
+        )
         for c, span in enumerate(self.machine.spans):
-            length, table = at((Kind.CYLINDER_LENGTH, c)), self.machine.tables[c]
+            length, table = self._number.get((Kind.CYLINDER_LENGTH, c)), self.machine.tables[c]
             if needed and encoder is None and inclined is None and span == (j,) and length is not None and table:
-                return found._replace(length=length, lengths=table[0], angles=table[1])
-        return found
+                return sensors._replace(length=length, lengths=table[0], angles=table[1])
+        return sensors
 
     def of(self, values: Array) -> Array:
         """Return samples (..., S) [SI] with whole turns added to their angles."""
-        found = values.copy()
-        columns = list(np.moveaxis(found, -1, 0))
+        unwrapped = values.copy()
+        columns = list(np.moveaxis(unwrapped, -1, 0))
         self.apply(columns)
-        return np.stack(columns, axis=-1) if columns else found
+        return np.stack(columns, axis=-1) if columns else unwrapped
 
     def apply(self, columns: MutableSequence[Any]) -> None:
         """Add whole turns to the angles among the signals: S numbers of one sample, or S arrays (...,)."""
         for k in self._house:
             columns[k] = nearest(columns[k], 0.0)
         inner = 0.0 if self._pitch is None else columns[self._pitch]  # inclination of the link before
-        for middle, encoder, inclined, length, lengths, angles in self._joints:
-            theta = middle
-            if encoder is not None:
-                theta = columns[encoder] = nearest(columns[encoder], middle)
+        for joint in self._joints:
+            theta, inclined = joint.middle, joint.inclined
+            if joint.encoder is not None:
+                theta = columns[joint.encoder] = nearest(columns[joint.encoder], joint.middle)
             if inclined is not None:
-                columns[inclined] = nearest(columns[inclined], inner + middle)
-                theta = columns[inclined] - inner if encoder is None else theta
-            if length is not None:
-                theta = np.interp(columns[length], lengths, angles)
+                columns[inclined] = nearest(columns[inclined], inner + joint.middle)
+                theta = columns[inclined] - inner if joint.encoder is None else theta
+            if joint.length is not None:
+                theta = np.interp(columns[joint.length], joint.lengths, joint.angles)
             inner = inner + theta
 
 
 def inclinations(machine: Machine, link: int) -> tuple[float, float]:
     """Return the least and greatest inclination [rad] of a link on level ground that the ranges of the joints allow."""
-    inner = machine.links[: link + 1]
-    return sum(each.angle_low for each in inner), sum(each.angle_high for each in inner)
+    chain = machine.links[: link + 1]
+    return sum(member.angle_low for member in chain), sum(member.angle_high for member in chain)
 
 
 class EndPassed(NamedTuple):
-    """An angle sensor of a whole circle that passes its end within the joint's range.
+    """An angle sensor of a whole circle whose range of readings ends within the joint's range.
 
     signal: number of the signal
-    low, high: what the joints allow [rad], for an inclinometer on level ground
+    low, high: least and greatest angle that the joints allow [rad]; for an inclinometer on level ground
     """
 
     signal: int
@@ -116,8 +128,8 @@ class EndPassed(NamedTuple):
 
 
 def ends_passed(machine: Machine) -> list[EndPassed]:
-    """Return the angle sensors whose readings begin anew at the other end of the circle while the machine works."""
-    found = []
+    """Return the angle sensors whose readings continue at the other end of the circle while the machine works."""
+    passed = []
     for k, signal in enumerate(machine.signals):
         if signal.kind is Kind.JOINT_ANGLE:
             link = machine.links[signal.index]
@@ -127,5 +139,5 @@ def ends_passed(machine: Machine) -> list[EndPassed]:
         else:
             continue
         if is_circle(signal.low, signal.high) and (low < signal.low or high > signal.high):
-            found.append(EndPassed(k, low, high))
-    return found
+            passed.append(EndPassed(k, low, high))
+    return passed

@@ -8,21 +8,22 @@ from numpy.typing import NDArray
 from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.signals.estimate import Array
 
-PEAK = 1.875  # times the mean speed: peak speed of a minimum-jerk stroke (15/8)
-SHARP = 5.77  # times stroke / time^2: peak acceleration of a minimum-jerk stroke (10/sqrt(3))
+PEAK = 1.875  # peak speed of a minimum-jerk stroke, times its mean speed (15/8)
+SHARP = 5.77  # peak acceleration of a minimum-jerk stroke, times stroke / time^2 (10/sqrt(3))
 HASTE = 0.3  # m/s^2, largest acceleration of a cylinder in such a stroke; chosen: gentle for a hydraulic excavator
 GRID = 201  # angles at which a joint's range is examined; chosen
 ACROSS = 9  # positions examined of every joint that a cylinder reaches over; chosen
-MIN_TRANSMISSION = 0.25  # sine at the linkage below which it counts as too near its dead point; chosen
-STOP_MARGIN = 0.03  # times a cylinder's stroke: distance kept from its end stops; chosen
+MIN_TRANSMISSION = 0.25  # transmission below which a linkage counts as too near its dead point; chosen
+STOP_MARGIN = 0.03  # distance kept from a cylinder's end stops, times its stroke; chosen
 
 
 def drive(machine: Machine) -> Array:
-    """(N, N) matrix D of theta = D u: joint angles from the angles u that the cylinders set.
+    """Return the matrix D (N, N) of theta = D u: joint angles from the angles u that the cylinders set.
 
     Where a joint's cylinder reacts on the body next to it, u is the joint's angle (D: identity). Where it reacts on a
-    body farther in (a wheel loader's tilt cylinder, which keeps the bucket's direction while the arm rises), u is the
-    link's angle from that body: the sum of theta over the joints that the cylinder reaches over."""
+    body farther in, u is the link's angle from that body: the sum of theta over the joints that the cylinder reaches
+    over. A wheel loader's tilt cylinder does so, and keeps the bucket's direction while the arm rises.
+    """
     sums = np.eye(machine.size)
     for span in machine.spans:
         sums[max(span), list(span)] = 1.0
@@ -30,31 +31,32 @@ def drive(machine: Machine) -> Array:
 
 
 def drive_angles(machine: Machine, theta: Array) -> Array:
-    """Angles (..., N) [rad] of `drive` from joint angles (..., N) [rad]."""
+    """Return the angles u (..., N) [rad] of `drive` from joint angles theta (..., N) [rad]."""
     D = drive(machine)
     return theta if np.array_equal(D, machine.identity) else np.asarray(theta @ np.linalg.inv(D).T)
 
 
 def joint_angles(machine: Machine, u: Array) -> Array:
-    """Joint angles (..., N) [rad] from angles (..., N) [rad] of `drive`."""
+    """Return joint angles (..., N) [rad] from angles u (..., N) [rad] of `drive`."""
     D = drive(machine)
     return u if np.array_equal(D, machine.identity) else np.asarray(u @ D.T)
 
 
 def working_range(machine: Machine) -> Array:
-    """Lowest and highest value (N, 2) [rad] of every angle of `drive` clear of end stops and dead points, with the
-    other joints in mid-range: the longest such part of the joint's range. Joints that the cylinder reaches over may be
-    anywhere in their own working range.
+    """Return the lowest and highest value (N, 2) [rad] of every angle of `drive` clear of end stops and dead points.
 
-    Raises ValueError when a joint has no such angle."""
-    found = np.array([(link.angle_low, link.angle_high) for link in machine.links])
-    middle = found.mean(axis=1)
+    Of each joint's range the longest such part is taken, with the other joints in mid-range. Joints that the cylinder
+    reaches over may be anywhere in their own working range. Raises ValueError when a joint has no such angle.
+    """
+    ranges = np.array([(link.angle_low, link.angle_high) for link in machine.links])
+    middle = ranges.mean(axis=1)
     for j in range(machine.size):
-        found[j] = _clear(machine, middle, found, j)
-    return found
+        ranges[j] = _clear(machine, middle, ranges, j)
+    return ranges
 
 
 def _clear(machine: Machine, middle: Array, ranges: Array, j: int) -> Array:
+    """Return the longest part (2,) [rad] of the range of joint j that is clear of end stops and dead points."""
     over = sorted({i for span in machine.spans if max(span) == j for i in span if i < j})
     inner = np.array(list(product(*(np.linspace(ranges[i, 0], ranges[i, 1], ACROSS) for i in over))))
     u = np.tile(middle, (len(inner), GRID, 1))
@@ -68,12 +70,12 @@ def _clear(machine: Machine, middle: Array, ranges: Array, j: int) -> Array:
     if edges.size == 0:
         raise ValueError(f"link {machine.links[j].name}: no angle of its range lies between its cylinder's end stops")
     runs = edges.reshape(-1, 2)
-    first, behind = runs[np.argmax(runs[:, 1] - runs[:, 0])]
-    return np.array([u[0, first, j], u[0, behind - 1, j]])
+    first, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+    return np.array([u[0, first, j], u[0, end - 1, j]])
 
 
 def _drivable(machine: Machine, at: Geometry, j: int) -> NDArray[np.bool_]:
-    """Which poses (...,) leave every cylinder that ends at joint j clear of its end stops and dead points."""
+    """Return which poses (...,) leave every cylinder that ends at joint j clear of its end stops and dead points."""
     good = np.ones(at.length.shape[:-1], dtype=bool)
     for c, cylinder in enumerate(machine.cylinders):
         if max(machine.spans[c]) == j:
@@ -86,8 +88,15 @@ def _drivable(machine: Machine, at: Geometry, j: int) -> NDArray[np.bool_]:
 
 
 def stroke_time(machine: Machine, u: Array, j: int, target: float, speed: float) -> float:
-    """Shortest time [s] of a minimum-jerk stroke of angle j of `drive` from u (N,) to `target` [rad] whose cylinders
-    stay below `speed` [m/s] and HASTE [m/s^2]; a joint without a cylinder is given a lever of 1 m."""
+    """Return the shortest time [s] of a minimum-jerk stroke of one joint within the limits of its cylinders.
+
+    The cylinders stay below `speed` and HASTE. A joint without a cylinder has a lever of 1 m.
+
+    u: start (N,) [rad], angles of `drive`
+    j: number of the joint
+    target: end of the stroke [rad]
+    speed: highest cylinder speed [m/s]
+    """
     poses = np.tile(u, (17, 1))
     poses[:, j] = np.linspace(u[j], target, 17)
     levers = driven_lever(machine, poses)[:, :, j] if machine.cylinders else np.zeros(0)
@@ -96,21 +105,23 @@ def stroke_time(machine: Machine, u: Array, j: int, target: float, speed: float)
 
 
 def driven_lever(machine: Machine, u: Array) -> Array:
-    """d(length)/du (..., C, N) [m/rad] at angles u (..., N) [rad] of `drive`."""
+    """Return d(length)/du (..., C, N) [m/rad] at angles u (..., N) [rad] of `drive`."""
     D, lever = drive(machine), machine.geometry(joint_angles(machine, u)).lever
-    return lever if np.array_equal(D, machine.identity) else np.asarray(lever @ D)  # as it is where it is infinite
+    return (
+        lever if np.array_equal(D, machine.identity) else np.asarray(lever @ D)
+    )  # not multiplied by 1: inf * 0 is NaN
 
 
 def is_loader(machine: Machine) -> bool:
-    """Whether the tool's cylinder reaches over the arm that carries the tool, as a wheel loader's does."""
+    """Return whether the tool's cylinder reaches over the arm that carries the tool, as a wheel loader's does."""
     return any(len(span) > 1 and max(span) == machine.size - 1 for span in machine.spans)
 
 
 def lifting(machine: Machine) -> tuple[int, ...]:
-    """Numbers of the driven joints that lift all the others: a loader's arm, else those before the stick."""
+    """Return the driven joints that lift all the others: a loader's arm, else those before the stick."""
     return tuple(j for j in driven(machine) if j < machine.size - (1 if is_loader(machine) else 2))
 
 
 def driven(machine: Machine) -> tuple[int, ...]:
-    """Numbers of the joints on which at least one cylinder acts; the others are taken as locked."""
+    """Return the joints on which at least one cylinder acts; the others are taken as locked."""
     return tuple(sorted({j for span in machine.spans for j in span}))

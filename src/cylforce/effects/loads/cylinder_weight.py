@@ -8,7 +8,17 @@ import numpy as np
 from cylforce.effects.effect import Halves, Parameter
 from cylforce.mechanics.machine import Cylinder, Machine
 from cylforce.mechanics.motion import Motion
-from cylforce.mechanics.riders import Hinges, Number, Vector, eye, of_mass, on_line, pins, rider, upward
+from cylforce.mechanics.riders import (
+    LinkMotion,
+    Number,
+    Vector,
+    body_point,
+    eye_point,
+    gravity_factor,
+    link_motion,
+    point_on_line,
+    unit_mass_torque,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +38,7 @@ class CylinderWeight:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Momentum and static columns (..., N, K) of K cylinders; zero where a linkage cannot be closed."""
-        at, up = pins(machine, moving), upward(moving)
+        at, up = link_motion(machine, moving), gravity_factor(moving)
         with np.errstate(divide="ignore", invalid="ignore"):
             columns = [_column(machine, moving, at, up, cylinder) for cylinder in machine.carried]
         found = np.array(columns)  # (K, 2, N, ...)
@@ -36,10 +46,10 @@ class CylinderWeight:
         return Halves(*found.transpose(1, *range(3, found.ndim), 2, 0))
 
 
-def _column(machine: Machine, moving: Motion, at: Hinges, up: Vector, cylinder: Cylinder) -> list[list[Number]]:
+def _column(machine: Machine, moving: Motion, at: LinkMotion, up: Vector, cylinder: Cylinder) -> list[list[Number]]:
     """Momentum and static column of one cylinder, by joints."""
     turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
-    foot, middle = rider(at, cylinder.linkage.pins[0]), cylinder.length_low / 2.0
-    ends = (foot, on_line(foot, eye(at, cylinder.linkage), middle))
-    near, far = (of_mass(end, up, turning, machine.slew_axis) for end in ends)
+    foot, middle = body_point(at, cylinder.linkage.pins[0]), cylinder.length_low / 2.0
+    ends = (foot, point_on_line(foot, eye_point(at, cylinder.linkage), middle))
+    near, far = (unit_mass_torque(end, up, turning, machine.slew_axis) for end in ends)
     return [[(b - a) / middle for a, b in zip(*half, strict=True)] for half in zip(near, far, strict=True)]

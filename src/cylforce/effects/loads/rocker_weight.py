@@ -9,7 +9,15 @@ from cylforce.effects.effect import Halves, Parameter
 from cylforce.mechanics.linkages import FourBar
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
-from cylforce.mechanics.riders import Hinges, Number, Vector, of_mass, pins, rocker, upward
+from cylforce.mechanics.riders import (
+    LinkMotion,
+    Number,
+    Vector,
+    gravity_factor,
+    link_motion,
+    rocker_points,
+    unit_mass_torque,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +36,7 @@ class RockerWeight:
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Momentum and static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be closed."""
-        at, up = pins(machine, moving), upward(moving)
+        at, up = link_motion(machine, moving), gravity_factor(moving)
         with np.errstate(divide="ignore", invalid="ignore"):
             columns = [_column(machine, moving, at, up, bar) for bar in machine.four_bars.values()]
         found = np.array(columns)  # (K, 2, N, ...)
@@ -36,9 +44,9 @@ class RockerWeight:
         return Halves(*found.transpose(1, *range(3, found.ndim), 2, 0))
 
 
-def _column(machine: Machine, moving: Motion, at: Hinges, up: Vector, bar: FourBar) -> list[list[Number]]:
+def _column(machine: Machine, moving: Motion, at: LinkMotion, up: Vector, bar: FourBar) -> list[list[Number]]:
     """Momentum and static column of one linkage, by joints."""
     turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
-    columns = [of_mass(point, up, turning, machine.slew_axis) for point in rocker(at, bar)]
+    columns = [unit_mass_torque(point, up, turning, machine.slew_axis) for point in rocker_points(at, bar)]
     pin, end = columns
     return [[(b - a) / bar.rocker_length for a, b in zip(*half, strict=True)] for half in zip(pin, end, strict=True)]
