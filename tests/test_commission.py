@@ -133,7 +133,7 @@ def test_a_loaded_bucket_ends_it(collector):
     for view in fed(collector, load=900.0, seconds=60.0):
         if view.advice.refusal:
             break
-    assert view.say.startswith("the bucket is not empty")
+    assert view.instruction.startswith("the bucket is not empty")
     with pytest.raises(ValueError, match="the bucket is not empty"):
         commission._check_outcome(GUIDE, view)
 
@@ -144,9 +144,9 @@ def test_a_silent_node_is_named_within_seconds(collector):
         if view.trouble:
             break
     assert view.deaf_s < 5.0
-    assert f"(node {node.node_id}) silent, check its power, cable, bit rate and node number" in view.say
+    assert f"(node {node.node_id}) silent, check its power, cable, bit rate and node number" in view.instruction
     others = [f"node {n.node_id})" for n in LOADED.service.nodes if n is not node]
-    assert not any(name in view.say for name in others)
+    assert not any(name in view.instruction for name in others)
     assert np.all(np.isnan(view.here))
 
 

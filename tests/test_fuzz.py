@@ -16,7 +16,7 @@ from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 from cylforce.signals.kinds import Kind
-from cylforce.simulation.scenario import _begin
+from cylforce.simulation.scenario import posture_at
 from scenarios import CONFIG, cycles, identified, pdo_of, played, scene
 
 FRAMES = 1_000_000
@@ -43,7 +43,7 @@ class Source:
         self.known = [pdo.can_id for pdo in pdos]
         special = [0x000, 0x080, 0x600 + own, 0x580 + own, *(p.can_id for p in service.publication)]
         self.known += special + [0x700 + node.node_id for node in service.nodes]
-        begin = _begin(service.machine, (0.5, 0.6, 0.6))
+        begin = posture_at(service.machine, (0.5, 0.6, 0.6))
         size = service.machine.size
         strokes = [(j, 0.2 + k * 3.0 + j, 3.0 + k * 3.0 + j, 0.3 * (-1) ** k) for j in range(size) for k in range(5)]
         calm = played(loaded, [scene(begin, strokes, 15.0, 700.0)])

@@ -64,7 +64,7 @@ def test_the_same_samples_give_the_same_advice_and_leave_the_state_alone():
     state = GUIDE.take(GUIDE.begin(), values[:3000])
     before = state.covered.copy()
     first, second = (GUIDE.advice(GUIDE.take(state, values[3000:6000])) for _ in range(2))
-    assert first.say == second.say
+    assert first.instruction == second.instruction
     np.testing.assert_array_equal(first.covered, second.covered)
     np.testing.assert_array_equal(state.covered, before)
 
@@ -91,7 +91,7 @@ def test_a_loaded_bucket_is_refused_early(kg):
     told, _ = commissioned(LOADED, Guide(MODEL), 71, kg)
     assert told[-1].seconds < 60.0
     assert told[-1].refusal.startswith("the bucket is not empty")
-    assert told[-1].say == told[-1].refusal
+    assert told[-1].instruction == told[-1].refusal
 
 
 def test_a_tool_on_the_ground_is_refused(monkeypatch):
@@ -107,7 +107,7 @@ def test_a_joint_that_does_not_move_is_asked_for():
     turned = values[:, k] - values[0, k]
     still = values[:10000][np.abs(turned[:10000]) < 1.0]
     still[:, k] = values[0, k] + noise[: len(still)]
-    told = [a.say for a in follow(Guide(MODEL, every_s=1e6), [still]) if a.seconds > 62.0]
+    told = [a.instruction for a in follow(Guide(MODEL, every_s=1e6), [still]) if a.seconds > 62.0]
     assert told[-1].startswith("the bucket has not moved yet: move it both ways")
 
 
@@ -118,7 +118,7 @@ def test_creeping_is_told():
     k = [s.name for s in machine.signals].index("boom_angle")
     values[:, k] += 0.002 * t
     *_, last = follow(GUIDE, [values])
-    assert last.say.startswith("move faster: cylinders below 4 mm/s")
+    assert last.instruction.startswith("move faster: cylinders below 4 mm/s")
 
 
 def test_the_first_stroke_is_slow_and_the_next_one_goes_back():

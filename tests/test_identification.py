@@ -16,7 +16,7 @@ from cylforce.programs.common.readings import model_of
 from cylforce.programs.identify import run_identify
 from cylforce.settings.identified import read_identified, write_identified
 from cylforce.settings.machine_file import SettingsError, load
-from cylforce.simulation.scenario import _begin
+from cylforce.simulation.scenario import posture_at
 from cylforce.simulation.sensing import run, sensors
 from scenarios import CONFIG, EXCAVATOR, identified, moved, scene, truth_of
 
@@ -36,7 +36,7 @@ def model(loaded):
 def recorded(loaded, strokes, seconds, seed=3):
     """Samples (T, S) of strokes of the empty machine; every seed has its own machine and noise."""
     machine = loaded.service.machine
-    begin = _begin(machine, (0.5, 0.6, 0.6))
+    begin = posture_at(machine, (0.5, 0.6, 0.6))
     made, rng = sensors(machine, loaded.service.nodes), np.random.default_rng((seed, 2))
     records = run(machine, truth_of(loaded, seed), made, [scene(begin, strokes, seconds)], dt=0.01, rng=rng)
     return np.concatenate([record.values for record in records])

@@ -11,7 +11,7 @@ from cylforce.estimation.model import Model
 from cylforce.programs.common.readings import model_of
 from cylforce.service.hanging import hanging
 from cylforce.settings.machine_file import load
-from cylforce.simulation.scenario import _begin
+from cylforce.simulation.scenario import posture_at
 from cylforce.simulation.sensing import run, sensors
 from scenarios import EXCAVATOR, moved, scene, truth_of
 
@@ -26,7 +26,7 @@ def lifted(loaded):
         for j, size in enumerate((0.3, 0.35, 0.4))
         for k, t in enumerate(np.arange(0.2 + 1.3 * j, SECONDS - 4.0, 4.0))
     ]
-    begin = _begin(service.machine, (0.5, 0.6, 0.6))
+    begin = posture_at(service.machine, (0.5, 0.6, 0.6))
     made, rng = sensors(service.machine, service.nodes), np.random.default_rng(5)
     scenes = [scene(begin, strokes, SECONDS, KNOWN_KG)]
     return np.concatenate([r.values for r in run(service.machine, truth_of(loaded), made, scenes, dt=0.01, rng=rng)])
@@ -46,7 +46,7 @@ def test_a_known_weight_tells_how_much_too_large_the_areas_are():
     assert found.scale == pytest.approx(1.0 / wrong, abs=0.005)
     assert abs(found.scale - 1.0 / wrong) < 3.0 * found.scale_error
     assert found.common_error == 0.0
-    assert identified.knows_scale
+    assert identified.scale_measured
     assert identified.warnings[0].startswith("the known weight reads 10")
     assert "+- 0." in identified.warnings[0]
 
@@ -55,4 +55,4 @@ def test_a_known_weight_that_agrees_with_the_data_sheet_is_not_questioned():
     loaded = load(EXCAVATOR)
     found = with_known_load(identify(model_of(loaded), [moved(loaded)]), [lifted(loaded)], KNOWN_KG, hanging)
     assert found.warnings == ()
-    assert found.knows_scale
+    assert found.scale_measured

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.commissioning.wiring import misplaced
+from cylforce.commissioning.wiring import misplaced_inertial_sensor
 from cylforce.effects.imposed import imposed
 from cylforce.effects.loads.rigid import Rigid
 from cylforce.effects.loads.rocker_weight import RockerWeight
@@ -138,7 +138,7 @@ def test_a_sensor_on_another_axis_is_told(change, sentence):
     m = rigged()
     values, _ = recorded(m, 1.0)
     values[:, -3:] = change(values[:, -3:])
-    found = misplaced(Model(m, FILTERS, ()), values)
+    found = misplaced_inertial_sensor(Model(m, FILTERS, ()), values)
     assert found is None if sentence is None else sentence in found
 
 

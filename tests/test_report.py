@@ -191,5 +191,5 @@ def test_the_bar_knows_how_far_a_text_has_been_read(tmp_path):
 def test_a_scale_is_called_known_only_after_a_lift():
     loaded = load(EXCAVATOR)
     found = identify(model_of(loaded), [empty_moves(loaded)])
-    assert not found.knows_scale
-    assert found._replace(tares=found.tares._replace(scale_error=0.001)).knows_scale
+    assert not found.scale_measured
+    assert found._replace(tares=found.tares._replace(scale_error=0.001)).scale_measured

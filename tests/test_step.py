@@ -25,7 +25,7 @@ from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 from cylforce.signals.kinds import Kind
-from cylforce.simulation.scenario import _begin
+from cylforce.simulation.scenario import posture_at
 from cylforce.simulation.trajectory import JointCourse, Move
 from instants import rows_of
 from scenarios import (
@@ -75,7 +75,7 @@ class Bench:
         self.loaded = load(EXCAVATOR)
         self.service = self.loaded.service
         self.core = Core(self.service, identified(self.loaded))
-        self.begin = _begin(self.service.machine, (0.5, 0.6, 0.6))
+        self.begin = posture_at(self.service.machine, (0.5, 0.6, 0.6))
 
     @cached_property
     def carry(self):

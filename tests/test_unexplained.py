@@ -220,7 +220,7 @@ def test_the_better_explanation_is_said_and_both_when_they_explain_alike(monkeyp
     own = rival(0.0)._replace(cause=suspected.cause)
     found = sorted([own, rival(-better_by)], key=lambda repair: repair.score)
     monkeypatch.setattr(suspicion, "repairs", lambda *_: tuple(found))
-    assert re.search(said, suspicion.compared(Case(MODEL, recording()), suspected))
+    assert re.search(said, suspicion.better_explanation(Case(MODEL, recording()), suspected))
 
 
 def test_what_is_in_order_needs_no_repair():

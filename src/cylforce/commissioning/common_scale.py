@@ -2,14 +2,15 @@
 
 A wrong range, psi for bar, or a decimal digit makes all pressures wrong by one factor. Every identified first moment,
 every friction and every load is then wrong by the same factor, and the fit is as good as before. Without a known weight
-only the masses of the data sheet show that factor, within their tolerances."""
+only the masses of the data sheet show that factor, within their tolerances.
+"""
 
 from math import hypot, log
 from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.commissioning.emptiness import HEAVY, with_more
+from cylforce.commissioning.emptiness import HEAVY, with_free_parameters
 from cylforce.estimation.batch import Fit, least_squares
 from cylforce.estimation.blocks import Factors, beside
 from cylforce.estimation.model import ABSOLUTE, Model
@@ -18,9 +19,9 @@ from cylforce.mechanics.machine import base_parameter_spread
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-UNKNOWN = 1000.0  # prior standard error of the scale: as good as nothing is known
+UNKNOWN = 1000.0  # prior standard error of the scale: uninformative
 UNIFORM = 3.0**0.5  # a tolerance over its standard error: it is the half-width of a uniform distribution (GUM 4.3.7)
-FORCES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)  # what has the common scale
+FORCES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)  # signals that have the common scale
 CHECKED = "unit (bar, psi, MPa), range and decimal digits (CiA 404: 6132h) of all pressure sensors"
 # Measured over true pressure when a unit or a decimal digit is mistaken: 1 bar is 14.504 psi.
 MISTAKES = (
@@ -47,69 +48,77 @@ class CommonScale(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Relative rms error of a weight that is reported without correction for the factor.
+        """Return the relative rms error of a weight that is reported without correction for the factor.
 
-        The true weight is 1/factor times the reported one, with standard error standard_error/factor."""
+        The true weight is 1/factor times the reported one, with standard error standard_error/factor.
+        """
         return hypot(1.0 / self.factor - 1.0, self.standard_error / self.factor)
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the data sheet excludes the factor 1."""
+        """Return whether the data sheet excludes the factor 1."""
         return abs(self.factor - 1.0) > self.limit
 
     @property
     def words(self) -> str:
-        """The factor, what a mistake of its size comes from, and what to check."""
+        """Return the factor in words, with the likely mistake and what to check."""
         known = f" ({self._mistake})" if self._mistake else ""
         return f"{_rounded(self.factor)} times as large as the data sheet's masses need{known}: check {CHECKED}"
 
     @property
     def sentence(self) -> str:
-        """Sentence that says what is wrong and what to do."""
+        """Return the sentence that says what is wrong and what to do."""
         right = "if these are right, correct masses and tolerances in the machine file"
         return f"all pressures are about {self.words}; {right}"
 
     @property
     def _mistake(self) -> str:
-        """The mistake whose factor is within HEAVY standard errors of this one and nearest to it."""
+        """Return the mistake whose factor is nearest and within HEAVY standard errors; "" where none is."""
         if self.factor <= 0.0:
             return ""
-        away = {words: abs(log(self.factor / factor)) for factor, words in MISTAKES}
-        nearest = min(away, key=lambda words: away[words])
-        return nearest if away[nearest] < HEAVY * self.standard_error / min(self.factor, 1.0) else ""
+        distance = {words: abs(log(self.factor / factor)) for factor, words in MISTAKES}
+        nearest = min(distance, key=lambda words: distance[words])
+        return nearest if distance[nearest] < HEAVY * self.standard_error / min(self.factor, 1.0) else ""
 
 
 def common_scale(model: Model, data: Factors, noise: Array) -> CommonScale:
     """Return the common scale s of the measured torques, from least squares.
 
     The rows are torque = W (Phi + (s - 1) Phi_sheet). Phi has the data sheet as prior, s has none.
-    data:  factors of the empty machine
+
+    data: factors of the empty machine
     noise: (R,) standard error of each measured torque [N m]
     """
     scaled = model.prior.mean.copy()
     scaled[[p.name.endswith(ABSOLUTE) for p in model.parameters]] = 0.0  # a share of the force, a time: without scale
     columns = np.broadcast_to(scaled[:, None], (data.samples.shape[1], len(scaled), 1))
-    prior = with_more(model.prior, np.array([UNKNOWN]))
+    prior = with_free_parameters(model.prior, np.array([UNKNOWN]))
     fit = least_squares(beside(data, columns), noise, prior)
     error = float(np.sqrt(fit.covariance[-1, -1]))
-    return CommonScale(1.0 + float(fit.values[-1]), error, max(HEAVY * error, _all_the_same_way(model, fit, prior)))
+    return CommonScale(
+        factor=1.0 + float(fit.values[-1]),
+        standard_error=error,
+        limit=max(HEAVY * error, _worst_tolerances(model, fit, prior)),
+    )
 
 
-def _all_the_same_way(model: Model, fit: Fit, prior: Prior) -> float:
-    """Return how far the scale seems off when all figures of the data sheet's links use up their tolerances, in
-    the direction that changes it most. With A the rows and C the prior's covariance, the estimate changes with the
-    prior's mean by (A'A + C^-1)^-1 C^-1."""
+def _worst_tolerances(model: Model, fit: Fit, prior: Prior) -> float:
+    """Return how far the scale seems off when all figures of the links use up their tolerances in the worst direction.
+
+    With A the rows and C the prior's covariance, the estimate changes with the prior's mean by (A'A + C^-1)^-1 C^-1.
+    """
     spread = base_parameter_spread(model.machine.links)
     change = fit.covariance[-1] @ np.linalg.inv(prior.covariance)
     return float(UNIFORM * np.sum(np.abs(change[: len(spread)] @ spread)))
 
 
 def rescaled(model: Model, values: Array, factor: float) -> Array:
-    """Samples (T, S) with all measured forces divided by `factor`."""
+    """Return samples (T, S) with all measured forces divided by a factor."""
     changed = values.copy()
     changed[:, [s.kind in FORCES for s in model.machine.signals]] /= factor
     return changed
 
 
 def _rounded(factor: float) -> str:
+    """Return a factor with two significant digits below 1, two decimals above."""
     return f"{factor:.2g}" if factor < 1.0 else f"{factor:.2f}"

@@ -2,7 +2,8 @@
 
 A planar body of mass m is physically possible exactly when J m >= X^2 + Z^2: the distance of its centre from the pin
 cannot exceed its radius of gyration about the pin. The law also holds with the masses beyond a link lumped at its outer
-pin."""
+pin.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -13,22 +14,25 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.priors.bars import balanced
 from cylforce.signals.estimate import Array
 
-MASS_BOUND = 3.0  # standard errors above the data sheet's mass: upper limit of a link's mass; chosen
+MASS_BOUND = 3.0  # upper limit of a link's mass, in standard errors above the data sheet's mass; chosen
 INSIDE = 1e-6  # scaled margin that is enforced, so that the law holds after rounding, too; chosen
-SURE = 3.0  # standard errors below zero, from which on a friction coefficient breaks its law; chosen
-NEVER_NEGATIVE = (".coulomb", ".viscous", ".load_dependent", ".rocker")
+SURE = 3.0  # standard errors below zero from which on a friction coefficient breaks its law; chosen
+NEVER_NEGATIVE = (".coulomb", ".viscous", ".load_dependent", ".rocker")  # ends of names of such parameters
 
 
 class Law(NamedTuple):
-    """A law: the sentence that says how it is broken, and its `margin`, a function of the parameters (P,) that must not
-    be negative (scaled: about 1 for a typical machine)."""
+    """A physical law of the parameters.
+
+    sentence: how it is broken
+    margin: function of the parameters (P,) that must not be negative; about 1 for a typical machine
+    """
 
     sentence: str
     margin: Callable[[Array], float]
 
 
 def laws(model: Model) -> list[Law]:
-    """The laws that the tares of any machine obey."""
+    """Return the laws that the tares of any machine obey."""
     place = {p.name: k for k, p in enumerate(model.parameters)}
     heaviest = np.cumsum([k.mass + MASS_BOUND * k.mass_error for k in model.machine.links[::-1]])[::-1]
     bodies = [_body(link.name, place, float(m)) for link, m in zip(model.machine.links, heaviest, strict=True)]
@@ -42,6 +46,7 @@ def laws(model: Model) -> list[Law]:
 
 
 def _body(name: str, place: dict[str, int], mass: float) -> Law:
+    """Return the law J m >= X^2 + Z^2 of a link with a mass of at most `mass` [kg]; `place`: numbers by name."""
     j, x, z = (place[f"{name}.{symbol}"] for symbol in ("J", "X", "Z"))
 
     def margin(values: Array) -> float:
@@ -52,13 +57,18 @@ def _body(name: str, place: dict[str, int], mass: float) -> Law:
 
 
 def _positive(name: str, k: int, scale: float) -> Law:
+    """Return the law that parameter k is not negative; `scale`: its typical size."""
     why = "bars weigh something" if name.endswith(".rocker") else "friction cannot push"
     return Law(f"{name}: {why}", lambda values: float(values[k]) / scale)
 
 
 def violations(model: Model, values: Array, error: Array | None = None) -> tuple[str, ...]:
-    """Sentences for the laws that `values` (P,) break. With their standard errors `error` (P,) a friction coefficient
-    or the weight of bars breaks its law only when it is below zero by more than SURE standard errors."""
+    """Return the sentences of the laws that parameters break.
+
+    values: (P,) parameters
+    error: (P,) their standard errors; with them a friction coefficient or the weight of bars breaks its law only when
+        it is below zero by more than SURE standard errors
+    """
     if error is not None:
         friction = np.array([p.name.endswith(NEVER_NEGATIVE) for p in model.parameters])
         values = np.where(friction & (values < 0.0), np.minimum(values + SURE * error, 0.0), values)
@@ -66,8 +76,10 @@ def violations(model: Model, values: Array, error: Array | None = None) -> tuple
 
 
 def consistent(model: Model, tares: Tares) -> Tares:
-    """The tares that break no law and are nearest in the metric of their covariance; the same tares when no law is
-    broken. Raises ValueError when none are found."""
+    """Return the nearest tares that break no law, in the metric of their covariance.
+
+    Tares that break no law are returned unchanged. Raises ValueError when no consistent tares are found.
+    """
     if not violations(model, tares.values):
         return tares
     from scipy import optimize
@@ -75,16 +87,21 @@ def consistent(model: Model, tares: Tares) -> Tares:
     scale = np.sqrt(np.diag(tares.covariance))
     root = np.linalg.cholesky(np.linalg.inv(tares.covariance / np.outer(scale, scale))).T
 
-    def distance(moved: Array) -> float:
-        return float(np.sum((root @ moved) ** 2))
+    def distance(shift: Array) -> float:
+        """Return the squared distance from the fit; `shift` (P,) in standard errors."""
+        return float(np.sum((root @ shift) ** 2))
 
-    obeyed = laws(model)
+    to_obey = laws(model)
 
-    def margins(moved: Array) -> Array:
-        return np.array([law.margin(tares.values + scale * moved) for law in obeyed])
+    def margins(shift: Array) -> Array:
+        """Return the margins of all laws; `shift` (P,) in standard errors."""
+        return np.array([law.margin(tares.values + scale * shift) for law in to_obey])
 
     limit = optimize.NonlinearConstraint(margins, INSIDE, np.inf)
-    found = optimize.minimize(distance, np.zeros_like(scale), method="SLSQP", constraints=limit)
-    if not found.success:
-        raise ValueError(f"no physically consistent tares were found near the fit: {found.message}")
-    return tares._replace(values=tares.values + scale * found.x)
+    optimum = optimize.minimize(distance, np.zeros_like(scale), method="SLSQP", constraints=limit)
+    if not optimum.success:
+        raise ValueError(
+            f"no physically consistent tares were found near the fit: {optimum.message}; "
+            "identify without enforcing consistency, and check masses and lengths in the machine file"
+        )
+    return tares._replace(values=tares.values + scale * optimum.x)

@@ -1,5 +1,8 @@
-"""Expected accuracy of the weighing, before anything is weighed: the standard error of a rated payload over the
-postures of the arm, by the same least squares as in service/weighing.py, on columns computed from the model."""
+"""Expected accuracy of the weighing, before anything is weighed.
+
+The standard error of a rated payload is computed over the postures of the arm, by the same least squares as in
+service/weighing.py, on columns computed from the model.
+"""
 
 from typing import NamedTuple
 
@@ -17,15 +20,18 @@ from cylforce.signals.estimate import Array
 WEIGHED_S = 3.0  # s of motion over which a payload is weighed; chosen: a short lift
 CROSSING_S = 15.0  # s in which a cylinder would travel its whole stroke at the assumed speed; chosen
 POINTS = 7  # instants of that motion at which the columns are computed; chosen
-CURLED = 0.15  # times its range: angle of the tool while it carries the load; chosen
+CURLED = 0.15  # angle of the tool while it carries the load, from its lower limit, times its range; chosen
 GRID = 16  # postures along a joint's range; chosen
-FILLED = 0.6  # times the payload's reach: assumed distance of the load's centre from the last pin; chosen
+FILLED = 0.6  # assumed distance of the load's centre from the last pin, times the payload's reach; chosen
 
 
 class Expected(NamedTuple):
-    """At postures (...): expected `standard_error` (...) of the weight [kg], NaN where weighing is impossible; `noise`
-    (...) [kg]: the part of it that decreases with longer weighing; `gain` (..., P): change of the weight [kg] per unit
-    of each tare."""
+    """Expected accuracy of a weight at postures (...).
+
+    standard_error: (...) of the weight [kg]; NaN where weighing is impossible
+    noise: (...) part of it that decreases with longer weighing [kg]
+    gain: (..., P) change of the weight [kg] per unit of each tare
+    """
 
     standard_error: Array
     noise: Array
@@ -33,16 +39,21 @@ class Expected(NamedTuple):
 
 
 class PostureGrid(NamedTuple):
-    """A grid (A, B) over the ranges of two joints: joint angles `theta` (A, B, N) [rad]; `tool` (A, B): place x + i z
-    of the tool [m] from the first pin."""
+    """A grid of postures over the ranges of two joints.
+
+    theta: (A, B, N) joint angles [rad]
+    tool: (A, B) place x + i z of the tool from the first pin [m]
+    """
 
     theta: Array
     tool: Complex
 
 
 def postures(machine: Machine) -> PostureGrid:
-    """Postures over the working range: the two innermost driven joints over their ranges, the tool curled, the other
-    joints in mid-range."""
+    """Return postures over the working range.
+
+    The two innermost driven joints pass through their ranges, the tool is curled, the other joints are in mid-range.
+    """
     ranges = working_range(machine)
     low, high = ranges.T
     theta = np.tile((low + high) / 2.0, (GRID, GRID, 1))
@@ -54,48 +65,60 @@ def postures(machine: Machine) -> PostureGrid:
 
 
 def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
-    """Expected accuracy when a rated payload is weighed during WEIGHED_S of motion about postures `theta` (..., N)
-    [rad]. The scale of the forces (bores, levers, gains), which a recording of the empty machine cannot determine,
-    enters with the tares' `scale_error`."""
-    left = _residual(model, tares, theta)
-    columns = left.columns @ model.load
-    weight = _weight(model, left, tares.correlation)
-    weighed = np.swapaxes(columns * weight[..., None], -1, -2)
-    information = np.sum(weighed @ columns, axis=0) + np.diag(_prior(model.machine) ** -2.0)
-    covariance = np.linalg.inv(information)
-    gain = (covariance[..., :1, :] @ np.sum(weighed @ left.columns, axis=0))[..., 0, :]
-    noise, tared = covariance[..., 0, 0], np.sum((gain @ tares.covariance) * gain, axis=-1)
-    tared = tared + (tares.scale_error * model.machine.rated_payload) ** 2
+    """Return the expected accuracy of a rated payload that is weighed during WEIGHED_S of motion about postures.
+
+    The scale of the forces (bores, levers, gains), which a recording of the empty machine cannot determine, enters with
+    the tares' `scale_error`.
+
+    theta: (..., N) joint angles [rad]
+    """
+    rows = _residual(model, tares, theta)
+    columns = rows.columns @ model.load
+    weight = _weight(model, rows, tares.correlation)
+    weighted = np.swapaxes(columns * weight[..., None], -1, -2)
+    # P = (X' V^-1 X + P0^-1)^-1; an error d of the tares changes the weight by the gain (P X' V^-1 W) d
+    covariance = np.linalg.inv(np.sum(weighted @ columns, axis=0) + np.diag(_prior(model.machine) ** -2.0))
+    gain = (covariance[..., :1, :] @ np.sum(weighted @ rows.columns, axis=0))[..., 0, :]
+    noise, by_tares = covariance[..., 0, 0], np.sum((gain @ tares.covariance) * gain, axis=-1)
+    by_tares = by_tares + (tares.scale_error * model.machine.rated_payload) ** 2
     weighable = np.sqrt(noise) < model.machine.rated_payload
-    total, own = (np.where(weighable, np.sqrt(square), np.nan) for square in (noise + tared, noise))
-    return Expected(total, own, gain)
+    return Expected(
+        standard_error=np.where(weighable, np.sqrt(noise + by_tares), np.nan),
+        noise=np.where(weighable, np.sqrt(noise), np.nan),
+        gain=gain,
+    )
 
 
 def cost(tares: Tares, expected: Expected) -> Array:
-    """Part of the weight's standard error (P,) [kg] that each tare causes, correlations included: the root of the
-    variance that would disappear if this tare were known exactly; median over the postures."""
+    """Return the part (P,) [kg] of the weight's standard error that each tare causes; median over the postures.
+
+    It is the root of the variance that would disappear if this tare were known exactly, correlations included.
+    """
     weighable = np.isfinite(expected.standard_error)
-    pull = expected.gain[weighable] @ tares.covariance / np.sqrt(np.diag(tares.covariance))
-    return np.asarray(np.median(np.abs(pull), axis=0)) if np.any(weighable) else np.full(len(tares.names), np.nan)
+    part = expected.gain[weighable] @ tares.covariance / np.sqrt(np.diag(tares.covariance))
+    return np.asarray(np.median(np.abs(part), axis=0)) if np.any(weighable) else np.full(len(tares.names), np.nan)
 
 
 def _prior(machine: Machine) -> Array:
-    """Prior standard errors (4,) of m [kg], m x, m z [kg m], J [kg m^2], as in service/weighing.py."""
+    """Return the prior standard errors (4,) of m [kg], m x, m z [kg m], J [kg m^2], as in service/weighing.py."""
     moment = machine.rated_payload * machine.payload_reach
     return np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
 
 
-def _weight(model: Model, left: Residual, correlation: float) -> Array:
-    """Weight of each row (POINTS, ..., R): number of samples that a point represents, divided by their variance, as in
-    service/weighing.py."""
+def _weight(model: Model, rows: Residual, correlation: float) -> Array:
+    """Return the weight (POINTS, ..., R) of each row: the number of samples that a point represents over their
+    variance.
+    """
     f = model.filters
-    variance = correlated(f, correlation) * left.variance + REST_SECONDS * f.rate_hz * left.rest
+    variance = correlated(f, correlation) * rows.variance + REST_SECONDS * f.rate_hz * rows.rest
     return np.asarray(np.where(np.isfinite(variance), WEIGHED_S * f.rate_hz / POINTS / variance, 0.0))
 
 
 def _residual(model: Model, tares: Tares, theta: Array) -> Residual:
-    """Residual of a rated payload at POINTS instants (POINTS, ..., R) about each posture; infinite variance where a row
-    is unusable."""
+    """Return the residual of a rated payload at POINTS instants (POINTS, ..., R) about each posture.
+
+    The variance is infinite where a row is unusable.
+    """
     path, rate = _path(model.machine, theta)
     load = model.load @ _payload(model.machine)
     moved = _moved(model, path, rate, np.zeros((*path.shape[:-1], len(model.machine.cylinders))))
@@ -104,25 +127,28 @@ def _residual(model: Model, tares: Tares, theta: Array) -> Residual:
     force = (np.linalg.pinv(np.swapaxes(lever, -1, -2)) @ torque[..., None])[..., 0]
     moved = _moved(model, path, rate, force)  # again, because friction depends on the cylinder forces just computed
     columns = model.filtered.regressor.both_halves(moved.motion)[1]
-    own = columns[..., : len(model.parameters)]
-    left = residual(model, tares, Rows(columns, own @ (tares.values + load)), np.zeros(len(model.machine.rows)))
-    lost = np.stack([np.logical_not(np.all(moved.usable[..., acting], axis=-1)) for acting in model.acting], axis=-1)
-    return left._replace(variance=np.where(lost, np.inf, left.variance))
+    torque = columns[..., : len(model.parameters)] @ (tares.values + load)
+    rows = residual(model, tares, Rows(columns, torque), np.zeros(len(model.machine.rows)))
+    usable = np.stack([np.all(moved.usable[..., acting], axis=-1) for acting in model.acting], axis=-1)
+    return rows._replace(variance=np.where(usable, rows.variance, np.inf))
 
 
 def _columns(model: Model, moved: Moved) -> Array:
+    """Return the static columns (..., R, P) of the empty machine."""
     return model.empty.both_halves(moved.motion)[1]
 
 
 def _payload(machine: Machine) -> Array:
-    """(m, m x, m z, J) of a rated payload in the last link's frame, its centre towards the tool."""
+    """Return (m, m x, m z, J) of a rated payload in the last link's frame, its centre towards the tool."""
     centre = FILLED * machine.payload_reach * machine.tool / abs(machine.tool)
     return machine.rated_payload * np.array([1.0, centre.real, centre.imag, abs(centre) ** 2])
 
 
 def _path(machine: Machine, theta: Array) -> tuple[Array, Array]:
-    """Angles [rad] and rates [rad/s] (POINTS, ..., N) during WEIGHED_S about `theta`: the arm lifts and reaches out,
-    the tool curls."""
+    """Return angles [rad] and rates [rad/s] (POINTS, ..., N) during WEIGHED_S about postures `theta`.
+
+    The arm lifts and reaches out, the tool curls.
+    """
     rate = np.zeros_like(theta)
     lever = np.abs(machine.geometry(theta).lever)
     for j in driven(machine):
@@ -134,15 +160,19 @@ def _path(machine: Machine, theta: Array) -> tuple[Array, Array]:
 
 
 def _acting(machine: Machine, j: int) -> list[int]:
+    """Return the cylinders that act on joint j."""
     return [c for c, span in enumerate(machine.spans) if j in span]
 
 
 def _speed(machine: Machine, c: int) -> float:
+    """Return the assumed speed of cylinder c [m/s]."""
     return (machine.cylinders[c].length_high - machine.cylinders[c].length_low) / CROSSING_S
 
 
 def _moved(model: Model, theta: Array, rate: Array, force: Array) -> Moved:
-    """The motion on level ground with cylinder forces (..., C) [N], computed from four samples as by the channels."""
+    """Return the motion on level ground with cylinder forces (..., C) [N], from samples samples as `Channels` computes
+    it.
+    """
     half, level = rate * (model.channels.dt / 2.0), np.zeros((*theta.shape[:-1], 3))
-    four = [np.concatenate([theta + place * half, force, level], axis=-1) for place in (-3.0, -1.0, 1.0, 3.0)]
-    return model.channels.between(np.stack(four))
+    samples = [np.concatenate([theta + place * half, force, level], axis=-1) for place in (-3.0, -1.0, 1.0, 3.0)]
+    return model.channels.between(np.stack(samples))

@@ -1,6 +1,8 @@
-"""Identification of the dynamic tares from recordings of the empty machine: one least-squares fit of all parameters
-with the data sheet as prior. Optional friction laws are used only when they improve the prediction of data not
-fitted."""
+"""Identification of the dynamic tares from recordings of the empty machine.
+
+One least-squares fit determines all parameters, with the data sheet as prior. Optional friction laws are used only when
+they improve the prediction of data that were not fitted.
+"""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -12,8 +14,8 @@ from cylforce.commissioning.consistency import consistent, violations
 from cylforce.commissioning.explained import quality, row_noise
 from cylforce.commissioning.repairs import Case
 from cylforce.commissioning.soundness import soundness
-from cylforce.commissioning.suspicion import doubt
-from cylforce.commissioning.wiring import SignalHistory, gathered, nothing
+from cylforce.commissioning.suspicion import refusal_sentence
+from cylforce.commissioning.wiring import SignalHistory, empty_history, extended_history
 from cylforce.commissioning.zeros import between_strokes, correlation
 from cylforce.estimation.attachment import with_tool
 from cylforce.estimation.batch import Fit, least_squares, predicted
@@ -24,23 +26,32 @@ from cylforce.estimation.priors.prior import Prior
 from cylforce.signals.estimate import Array
 
 MIN_SECONDS = 20.0  # s of usable motion that a recording must contain; chosen
-ONE_WAY = 0.05  # of a cylinder's motion: with less in one direction it moved in the other one only; chosen
-ONE_WAY_SECONDS = 2.0  # s of motion of a cylinder, below which its directions are not checked; chosen
+ONE_WAY = 0.05  # share of a cylinder's motion in one direction below which it moved in the other one only; chosen
+ONE_WAY_SECONDS = 2.0  # s of motion of a cylinder below which its directions are not checked; chosen
 FOLDS = 5  # parts of the recording for the choice of friction laws by prediction; chosen
 CERTAIN = ("coulomb", "delay", "load_dependent", BARS)  # laws that are always in the model; see `_choose`
-# Of the force: additional standard error of load-dependent friction beyond the measured forces. Fitted: with 0.005 the
-# weights of 12 reference machines without a known lift were wrong by 1.6 of their standard errors, rms.
+# Additional standard error of load-dependent friction beyond the measured forces, as a share of the force. Fitted: with
+# 0.005 the weights of 12 reference machines without a known lift were wrong by 1.6 of their standard errors, rms.
 BEYOND = 0.008
-DETERMINED = 0.5  # times the prior's standard error: above it the recording does not determine a parameter; chosen
+DETERMINED = 0.5  # standard error above which the recording does not determine a parameter, in the prior's; chosen
 
 
 class Identification(NamedTuple):
-    """The `model` with the friction laws that were chosen, its `tares`, the fit, names of what the recording does not
-    determine, seconds of usable motion, and per friction law tried the mean squared prediction error in data left out
-    of the fit (1: the row's own noise); sentences for the physical laws that the fit violates; share of each joint's
-    torque that is `explained` (R,), NaN where a joint was not seen; `warnings` that go with the tares into service;
-    `by_masses`: the common scale of the pressures by the data sheet's masses, None with another tool, which takes the
-    scale of the standard tool."""
+    """Result of an identification.
+
+    model: the model with the friction laws that were chosen
+    tares: the identified parameters
+    fit: the least-squares fit
+    not_identified: names of the parameters that the recording does not determine
+    seconds: time of usable motion [s]
+    held_out: per friction law tried the mean squared prediction error in data left out of the fit; 1: the row's own
+        noise
+    violations: sentences of the physical laws that the fit violates
+    explained: (R,) share of each joint's torque that is explained; NaN: the joint's torque was never usable
+    warnings: sentences that go with the tares into service
+    by_masses: common scale of the pressures by the data sheet's masses; None with another tool, which takes the scale
+        of the standard tool
+    """
 
     model: Model
     tares: Tares
@@ -54,59 +65,82 @@ class Identification(NamedTuple):
     by_masses: CommonScale | None = None
 
     @property
-    def knows_scale(self) -> bool:
-        """Whether a known weight was lifted; else the scale and its error are those of the data sheet."""
+    def scale_measured(self) -> bool:
+        """Return whether a known weight was lifted; else the scale and its error are those of the data sheet."""
         return self.tares.common_error == 0.0 or self.tares.scale_error != self.model.scale_error
 
 
 def identify(
     model: Model, segments: Iterable[Array], *, two_steps: bool = False, enforce: bool = False, refuse: bool = True
 ) -> Identification:
-    """Tares from gapless segments of samples (T, S). `model.friction` are the laws to choose from; CERTAIN ones always
-    stay. `two_steps`: the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once.
-    `enforce`: the nearest physically consistent tares. `refuse`: look for the signatures of a load, of contact, of dead
-    or misplaced sensors, of wrong piston areas and of a wrong scale of all pressures.
+    """Identify the tares from gapless segments of samples (T, S) of the empty machine.
 
     Raises ValueError, in a sentence, when the recording is too short, does not move, moves a cylinder one way only, or
-    is refused, or when a joint's torque stays unexplained (`soundness`)."""
-    evidence = [nothing(model.machine)]
-    whole = observed_factors(model, watched(model, segments, evidence))
+    is refused, or when a joint's torque stays unexplained (`soundness`).
+
+    model: its `friction` are the laws to choose from; laws in CERTAIN always stay
+    two_steps: use the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once
+    enforce: return the nearest physically consistent tares
+    refuse: look for the signatures of a load, of contact, of dead or misplaced sensors, of wrong piston areas and of a
+        wrong scale of all pressures
+    """
+    evidence = [empty_history(model.machine)]
+    whole = observed_factors(model, recorded_history(model, segments, evidence))
     factors = chosen(whole, list(range(len(model.parameters))))
-    seconds = enough(model, factors)
+    seconds = usable_seconds(model, factors)
     noise = row_noise(factors, model.prior)
     if refuse:
-        sentence = doubt(model, whole, evidence[0])
+        sentence = refusal_sentence(model, whole, evidence[0])
         if sentence is not None:
             raise ValueError(sentence)
     laws, errors = _laws(model, factors, noise)
     best = model.with_laws(laws)
-    fewer = chosen(factors, _of(model, best))
+    fewer = chosen(factors, _columns_of(model, best))
     fit = _two_steps(best, fewer, noise) if two_steps else least_squares(fewer, noise, best.prior)
-    fit = as_usual(best, fit)
+    fit = with_typical_friction(best, fit)
     names = tuple(p.name for p in best.parameters)
-    seen = np.sum(factors.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
-    left = np.where(seen, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
-    covariance = under_load(best, fit.covariance)
-    lasting = correlation(best, fewer, fit.values, left)
-    differ = between_strokes(best, _beside_tool(model, best, whole), fit.values, left)
+    measured = np.sum(factors.samples, axis=0) > 0  # a joint that never moved stays as uncertain as its data sheet
+    row_error = np.where(measured, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), best.data_sheet.row_error)
     masses = common_scale(best, fewer, noise)
-    rest = (best.scale_error, lasting, differ, masses.error)
-    tares = Tares(laws, names, fit.values, covariance, left, True, 1.0, *rest)
+    tares = Tares(
+        friction=laws,
+        names=names,
+        values=fit.values,
+        covariance=extrapolated_covariance(best, fit.covariance),
+        row_error=row_error,
+        identified=True,
+        scale=1.0,
+        scale_error=best.scale_error,
+        correlation=correlation(best, fewer, fit.values, row_error),
+        between_strokes=between_strokes(best, _with_tool_columns(model, best, whole), fit.values, row_error),
+        common_error=masses.error,
+    )
     broken = violations(best, fit.values, np.sqrt(np.diag(fit.covariance)))
-    found = quality(best, fewer, fit.values, fit.covariance)
-    sound = soundness(Case(model, evidence[0].kept), found, broken)
-    if refuse and sound.refusal is not None:
-        raise ValueError(sound.refusal)
-    obeying = consistent(best, tares) if enforce else tares
-    lost = _not_told(best, fit)
-    warnings = (*((masses.sentence,) if masses.is_wrong else ()), *sound.warnings)
-    return Identification(best, obeying, fit, lost, seconds, errors, broken, found.explained, warnings, masses)
+    fit_quality = quality(best, fewer, fit.values, fit.covariance)
+    verdict = soundness(Case(model, evidence[0].kept), fit_quality, broken)
+    if refuse and verdict.refusal is not None:
+        raise ValueError(verdict.refusal)
+    return Identification(
+        model=best,
+        tares=consistent(best, tares) if enforce else tares,
+        fit=fit,
+        not_identified=_undetermined(best, fit),
+        seconds=seconds,
+        held_out=errors,
+        violations=broken,
+        explained=fit_quality.explained,
+        warnings=(*((masses.sentence,) if masses.is_wrong else ()), *verdict.warnings),
+        by_masses=masses,
+    )
 
 
-def as_usual(model: Model, fit: Fit) -> Fit:
-    """The fit with some coefficients set back to their typical value (`model.TYPICAL`): those that came out larger
-    although the recording hardly determines them, because model errors can cause that. The other parameters change by
-    their covariance with them; the covariance itself remains."""
+def with_typical_friction(model: Model, fit: Fit) -> Fit:
+    """Return the fit with undetermined friction coefficients above their typical value set back to it.
+
+    Concerned are the coefficients of `model.TYPICAL` that came out larger although the recording hardly determines
+    them: model errors can cause that. The other parameters change by their covariance with them. The covariance itself
+        remains.
+    """
     values, prior = fit.values.copy(), model.prior
     for k, p in enumerate(model.parameters):
         law = p.name.rpartition(".")[2]
@@ -116,10 +150,13 @@ def as_usual(model: Model, fit: Fit) -> Fit:
     return fit._replace(values=values)
 
 
-def under_load(model: Model, covariance: Array) -> Array:
-    """`covariance` (P, P) from the empty machine, increased for use under load: load-dependent friction is extrapolated
-    there to forces that the empty machine never reaches, with an additional standard error BEYOND of each coefficient.
-    The other parameters are correlated with it such that the error on the empty machine does not increase."""
+def extrapolated_covariance(model: Model, covariance: Array) -> Array:
+    """Return the covariance (P, P) from the empty machine, increased for use under load.
+
+    Load-dependent friction is extrapolated to forces that the empty machine never reaches, with an additional standard
+    error BEYOND of each coefficient. The other parameters are correlated with it such that the error on the empty
+    machine does not increase.
+    """
     wider = covariance.copy()
     for k, p in enumerate(model.parameters):
         if p.name.endswith(".load_dependent"):
@@ -128,15 +165,21 @@ def under_load(model: Model, covariance: Array) -> Array:
     return wider
 
 
-def watched(model: Model, segments: Iterable[Array], evidence: list[SignalHistory]) -> Iterator[Array]:
-    """The segments unchanged; `evidence` (a list of one) is updated with their raw samples as they pass."""
+def recorded_history(model: Model, segments: Iterable[Array], evidence: list[SignalHistory]) -> Iterator[Array]:
+    """Yield the segments unchanged, and update their history as they pass.
+
+    evidence: a list of one history, which is replaced
+    """
     for segment in segments:
-        evidence[0] = gathered(model, evidence[0], segment, joins=False)
+        evidence[0] = extended_history(model, evidence[0], segment, joins=False)
         yield segment
 
 
-def enough(model: Model, factors: Factors) -> float:
-    """Time of usable motion [s]. Raises ValueError, in one sentence, when it is too short or in one direction only."""
+def usable_seconds(model: Model, factors: Factors) -> float:
+    """Return the time of usable motion [s].
+
+    Raises ValueError, in one sentence, when it is too short or in one direction only.
+    """
     seconds = float(np.max(np.sum(factors.samples + factors.others, axis=0)) / model.filters.rate_hz)
     if seconds == 0.0:
         raise ValueError("no cylinder moves in the recording: move every joint both ways, slowly and fast")
@@ -149,8 +192,10 @@ def enough(model: Model, factors: Factors) -> float:
 
 
 def _check_both_ways(model: Model, factors: Factors) -> None:
-    """Raises ValueError, in one sentence, when a cylinder moves in one direction only: its friction cannot then be
-    distinguished from weight."""
+    """Raise ValueError, in one sentence, when a cylinder moves in one direction only.
+
+    Its friction cannot then be distinguished from weight.
+    """
     n, c = model.machine.size, len(model.machine.cylinders)
     weight = np.max(factors.samples, axis=1) / model.filters.rate_hz
     ways = weight @ factors.mark[:, n + c : n + 3 * c]
@@ -163,9 +208,12 @@ def _check_both_ways(model: Model, factors: Factors) -> None:
 
 
 def _two_steps(model: Model, factors: Factors, noise: Array) -> Fit:
-    """Fit in two steps (paper, section 6): static parameters from the slower half of the blocks, with inertia and
-    viscous friction fixed at the prior means; then inertia and viscous friction from all blocks, with the static
-    parameters fixed. The covariance between both groups is set to zero."""
+    """Fit in two steps (paper, section 6).
+
+    First, static parameters are fitted to the slower half of the blocks, with inertia and viscous friction fixed at the
+    prior means. Then inertia and viscous friction are fitted to all blocks, with the static parameters fixed. The
+    covariance between both groups is set to zero.
+    """
     dynamic = [k for k, p in enumerate(model.parameters) if p.name.endswith((".J", ".viscous"))]
     static = [k for k in range(len(model.parameters)) if k not in dynamic]
     n = model.machine.size
@@ -182,27 +230,33 @@ def _two_steps(model: Model, factors: Factors, noise: Array) -> Fit:
 
 
 def _marginal(prior: Prior, part: list[int]) -> Prior:
+    """Return the prior of a part of the parameters."""
     return Prior(prior.mean[part], prior.covariance[np.ix_(part, part)])
 
 
-def _of(model: Model, part: Model) -> list[int]:
-    """The columns of a model with fewer friction laws among those of `model`."""
+def _columns_of(model: Model, part: Model) -> list[int]:
+    """Return the columns of a model with fewer friction laws among those of `model`."""
     place = {p.name: k for k, p in enumerate(model.parameters)}
     return [place[p.name] for p in part.parameters]
 
 
-def _beside_tool(model: Model, part: Model, whole: Factors) -> Factors:
-    """The factors `whole` of `model` with the parameters of `part` alone; the columns that follow remain."""
-    return chosen(whole, [*_of(model, part), *range(len(model.parameters), whole.triangle.shape[-1] - 1)])
+def _with_tool_columns(model: Model, part: Model, whole: Factors) -> Factors:
+    """Return the factors `whole` of `model` with the parameters of `part` alone; the columns of the tool remain behind
+    them.
+    """
+    return chosen(whole, [*_columns_of(model, part), *range(len(model.parameters), whole.triangle.shape[-1] - 1)])
 
 
 def _laws(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
-    """As `_choose`, without the bars of linkages where the recording does not tell all of them: the links contain them
-    then, as in the data sheet."""
+    """Choose the friction laws as `_choose`, without the bars of linkages where the recording does not determine all of
+    them.
+
+    The links' parameters then contain the bars, as in the data sheet.
+    """
     laws, errors = _choose(model, model.friction, factors, noise)
     part = model.with_laws(laws)
-    untold = _not_told(part, least_squares(chosen(factors, _of(model, part)), noise, part.prior))
-    if not any(name.endswith(f".{BARS}") for name in untold):
+    undetermined = _undetermined(part, least_squares(chosen(factors, _columns_of(model, part)), noise, part.prior))
+    if not any(name.endswith(f".{BARS}") for name in undetermined):
         return laws, errors
     return _choose(model, tuple(law for law in model.friction if law != BARS), factors, noise)
 
@@ -210,12 +264,14 @@ def _laws(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...]
 def _choose(
     model: Model, allowed: tuple[str, ...], factors: Factors, noise: Array
 ) -> tuple[tuple[str, ...], dict[str, float]]:
-    """(Chosen friction laws among those `allowed`, mean squared prediction error of each tried), by cross-validation:
-    blocks of similar posture form a fold, so that postures are predicted which the fit did not contain. A law is added
+    """Choose friction laws by cross-validation; return them, and the mean squared prediction error of each law tried.
+
+    Blocks of similar posture form a fold, so that postures are predicted which the fit did not contain. A law is added
     when it improves the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in:
     Coulomb friction; the delay, because every sensor lags, and viscous friction would take its place with too small a
     standard error; load-dependent friction, which the empty machine may not show but the loaded machine has; the bars
-    of linkages, which look like the links' weight on level ground, and show on a slope."""
+    of linkages, which look like the links' weight on level ground, and show on a slope.
+    """
     folds = _folds(model, factors)
     laws = tuple(law for law in allowed if law in CERTAIN) or allowed[:1]
     best = _errors(model, laws, factors, noise, folds)
@@ -230,10 +286,12 @@ def _choose(
 
 
 def _folds(model: Model, factors: Factors) -> Array:
-    """Number of the fold (B,) of each block: blocks are sorted along the direction in which the postures differ most,
-    and divided into FOLDS equal parts."""
+    """Return the number of the fold (B,) of each block.
+
+    Blocks are sorted along the direction in which the postures differ most, and divided into FOLDS equal parts.
+    """
     posture = factors.mark[:, : model.machine.size]
-    _, _, axes = np.linalg.svd(posture - posture.mean(axis=0), full_matrices=False)
+    axes = np.linalg.svd(posture - posture.mean(axis=0), full_matrices=False).Vh
     order = np.argsort(posture @ axes[0], kind="stable")
     fold = np.empty(len(order))
     fold[order] = np.arange(len(order)) * FOLDS // max(len(order), 1)
@@ -241,25 +299,30 @@ def _folds(model: Model, factors: Factors) -> Array:
 
 
 def _errors(model: Model, laws: tuple[str, ...], factors: Factors, noise: Array, folds: Array) -> Array:
-    """Mean squared prediction error of every fold by a fit of the other folds."""
+    """Return the mean squared prediction error of every fold by a fit of the other folds."""
     part = model.with_laws(laws)
-    fewer = chosen(factors, _of(model, part))
+    fewer = chosen(factors, _columns_of(model, part))
     memory = least_squares(fewer, noise, part.prior).memory
-    each = (predicted(fewer, noise, part.prior, memory, folds == k) for k in np.unique(folds))
-    return np.array([np.mean(error) for error in each])
+    squares = (predicted(fewer, noise, part.prior, memory, folds == k) for k in np.unique(folds))
+    return np.array([np.mean(of_fold) for of_fold in squares])
 
 
-def _not_told(model: Model, fit: Fit) -> tuple[str, ...]:
-    """Names of the parameters that are not known clearly better than by the data sheet (DETERMINED)."""
-    prior = np.sqrt(np.diag(model.sheet.prior.covariance))
-    found = np.sqrt(np.diag(fit.covariance))
-    lost = np.logical_or(np.logical_not(fit.excited), found > DETERMINED * prior)
-    return tuple(p.name for p, is_lost in zip(model.parameters, lost, strict=True) if is_lost)
+def _undetermined(model: Model, fit: Fit) -> tuple[str, ...]:
+    """Return the names of the parameters that are not clearly better determined than by the data sheet (DETERMINED)."""
+    prior_error = np.sqrt(np.diag(model.sheet.prior.covariance))
+    fit_error = np.sqrt(np.diag(fit.covariance))
+    weak = np.logical_or(np.logical_not(fit.excited), fit_error > DETERMINED * prior_error)
+    return tuple(p.name for p, is_weak in zip(model.parameters, weak, strict=True) if is_weak)
 
 
 def attachment_prior(common: Tares, standard: Model, other: Model) -> Prior:
-    """What is known of the machine with another tool before it moves: the common arm, the tool's data sheet, and that
-    friction is another one on another day (`EXPECTED`)."""
+    """Return the prior of the machine with another tool before it moves.
+
+    It combines the identified arm, the tool's data sheet, and the spread of friction between days (`EXPECTED`).
+
+    common: tares identified with the standard tool
+    standard, other: model with the standard tool and with the other tool
+    """
     known = with_tool(common, standard, other)
     changes = np.zeros(len(known.values))
     changes[other.changing_friction] = EXPECTED.friction * known.values[other.changing_friction]
@@ -269,22 +332,37 @@ def attachment_prior(common: Tares, standard: Model, other: Model) -> Prior:
 def identify_attachment(
     common: Tares, standard: Model, other: Model, segments: Iterable[Array], *, refuse: bool = True
 ) -> Identification:
-    """Tares of `other`, which is `standard` with another tool, from gapless segments of samples (T, S) of the empty
-    machine; both models have the friction laws of the `common` tares, which were identified with the standard tool.
+    """Identify the tares of the machine with another tool from gapless segments of samples (T, S) of the empty machine.
 
-    Raises ValueError, in a sentence, as `identify`."""
-    evidence = [nothing(other.machine)]
-    whole = observed_factors(other, watched(other, segments, evidence))
+    Both models have the friction laws of `common`. Raises ValueError, in a sentence, as `identify`.
+
+    common: tares identified with the standard tool
+    standard, other: model with the standard tool and with the other tool
+    refuse: as in `identify`
+    """
+    evidence = [empty_history(other.machine)]
+    whole = observed_factors(other, recorded_history(other, segments, evidence))
     factors = chosen(whole, list(range(len(other.parameters))))
-    seconds = enough(other, factors)
-    sentence = doubt(other, whole, evidence[0]) if refuse else None
+    seconds = usable_seconds(other, factors)
+    sentence = refusal_sentence(other, whole, evidence[0]) if refuse else None
     if sentence is not None:
         raise ValueError(sentence)
     prior = attachment_prior(common, standard, other)
     fit = least_squares(factors, row_noise(factors, prior), prior)
-    seen = np.sum(factors.samples, axis=0) > 0
-    left = np.where(seen, np.maximum(fit.row_error, 1e-3 * common.row_error), common.row_error)
-    tares = common._replace(values=fit.values, covariance=under_load(other, fit.covariance), row_error=left)
-    explained = quality(other, factors, fit.values, fit.covariance).explained
-    lost = tuple(p.name for p, found in zip(other.parameters, fit.excited, strict=True) if not found)
-    return Identification(other, tares, fit, lost, seconds, {}, (), explained, ())
+    measured = np.sum(factors.samples, axis=0) > 0
+    tares = common._replace(
+        values=fit.values,
+        covariance=extrapolated_covariance(other, fit.covariance),
+        row_error=np.where(measured, np.maximum(fit.row_error, 1e-3 * common.row_error), common.row_error),
+    )
+    return Identification(
+        model=other,
+        tares=tares,
+        fit=fit,
+        not_identified=tuple(p.name for p, ok in zip(other.parameters, fit.excited, strict=True) if not ok),
+        seconds=seconds,
+        held_out={},
+        violations=(),
+        explained=quality(other, factors, fit.values, fit.covariance).explained,
+        warnings=(),
+    )

@@ -1,5 +1,4 @@
-"""A lift of a known weight: the tares are fitted again with it, including friction under load and the scale of the
-forces."""
+"""Fit the tares again with a lift of a known weight, which shows friction under load and the scale of the forces."""
 
 from collections.abc import Callable, Iterable
 from math import hypot
@@ -19,41 +18,49 @@ from cylforce.estimation.priors.prior import Prior
 from cylforce.estimation.residual import SMALLEST
 from cylforce.signals.estimate import Array
 
-# (model, tares, samples (T, S)) -> estimated load (T-1,) [kg] at each step; 0 where there is no consistent estimate
-Hanging = Callable[[Model, Tares, Array], Array]
+# (model, tares, samples (T, S)) -> estimated load (T-1,) [kg] at each step; 0 where there is no consistent estimate.
+# An argument, because the estimator belongs to the service, which stands beside this room.
+LoadEstimator = Callable[[Model, Tares, Array], Array]
 
-ALIKE = 0.1  # times the known weight: an estimated load within this difference is taken for the known weight; chosen
+ALIKE = 0.1  # difference within which an estimated load is taken for the known weight, times that weight; chosen
 WRONG_SCALE = 0.01  # prior standard error of the relative scale error (areas, levers, sensor gains); chosen
 ENOUGH_SECONDS = 5.0  # s for which the weight must be seen in the air; chosen
 
 
 def with_known_load(
-    found: Identification, segments: Iterable[Array], known_kg: float, hanging: Hanging
+    empty: Identification, segments: Iterable[Array], known_kg: float, estimate_load: LoadEstimator
 ) -> Identification:
-    """The identification `found`, with tares and scale fitted again on a lift of `known_kg` [kg]. `segments`: samples
-    (T, S) without gaps; `hanging`: function that estimates when the weight is in the air.
+    """Return an identification with tares and scale fitted again on a lift of a known weight.
 
-    With the load's first moments and inertia c and the scale error s unknown, the rows are
-    torque - known l_m = W Phi + l_c c + s known l_m, with l the load's columns. This is linear; the identification of
-    the empty machine is the prior.
+    With the load's first moments and inertia c and the scale error s unknown, the rows are torque - known l_m = W Phi +
+    l_c c + s known l_m, with l the load's columns. This is linear; the identification of the empty machine is the
+    prior. Raises ValueError, in one sentence, when the weight does not appear for long enough, or when another weight
+    does.
 
-    Raises ValueError, in one sentence, when the weight is not seen for long enough, or when another weight is seen."""
-    model, tares = found.model, found.tares
-    pieces = [(piece, hanging(model, tares, piece)) for piece in chunks(model, segments)]
-    _check_weight(found, np.concatenate([np.zeros(0), *(seen for _, seen in pieces)]), known_kg)
-    data = joined((_factors(found, piece, seen, known_kg) for piece, seen in pieces), observation.MOST_BLOCKS)
+    empty: identification of the empty machine
+    segments: samples (T, S) without gaps [SI]
+    known_kg: the known weight [kg]
+    estimate_load: function that estimates the load at each step
+    """
+    model, tares = empty.model, empty.tares
+    pieces = [(piece, estimate_load(model, tares, piece)) for piece in chunks(model, segments)]
+    _check_weight(empty, np.concatenate([np.zeros(0), *(load for _, load in pieces)]), known_kg)
+    data = joined((_factors(empty, piece, load, known_kg) for piece, load in pieces), observation.MOST_BLOCKS)
     size = len(model.parameters)
-    fit = least_squares(data, tares.row_error, _before(found))
+    fit = least_squares(data, tares.row_error, _prior(empty))
     error = float(np.sqrt(fit.covariance[-1, -1]))
     fitted = tares._replace(values=fit.values[:size], covariance=fit.covariance[:size, :size])
     scaled = fitted._replace(scale=1.0 / (1.0 + float(fit.values[-1])), scale_error=error, common_error=0.0)
     question = _question(model, scaled, known_kg)
-    return found._replace(tares=scaled, warnings=(*question, *found.warnings))
+    return empty._replace(tares=scaled, warnings=(*question, *empty.warnings))
 
 
 def _question(model: Model, tares: Tares, known_kg: float) -> tuple[str, ...]:
-    """A warning when the known weight moves the scale farther than the data sheet of pressure sensors, bores and pins
-    allows: by more than HEAVY standard errors of both."""
+    """Return a warning when the known weight moves the scale farther than pressure sensors, bores and pins allow, else
+    nothing.
+
+    The limit is HEAVY standard errors of the data sheet's scale and of the measured one together.
+    """
     measured = 1.0 / tares.scale
     if abs(measured - 1.0) <= HEAVY * hypot(model.scale_error, tares.scale_error):
         return ()
@@ -65,51 +72,68 @@ def _question(model: Model, tares: Tares, known_kg: float) -> tuple[str, ...]:
     return (sentence,)
 
 
-def _check_weight(found: Identification, seen: Array, known_kg: float) -> None:
-    """Raises ValueError when the estimated load `seen` (T,) [kg] is not the known weight for long enough."""
-    rate = found.model.filters.rate_hz
-    if np.sum(_alike(seen, known_kg)) >= ENOUGH_SECONDS * rate:
+def _check_weight(empty: Identification, loads: Array, known_kg: float) -> None:
+    """Raise ValueError when the estimated load is not the known weight for long enough.
+
+    loads: (T,) estimated load [kg]
+    """
+    rate = empty.model.filters.rate_hz
+    if np.sum(_alike(loads, known_kg)) >= ENOUGH_SECONDS * rate:
         return
-    hanging = seen[seen > SMALLEST * found.model.machine.rated_payload]
-    if hanging.size >= ENOUGH_SECONDS * rate:
+    lifted = loads[loads > SMALLEST * empty.model.machine.rated_payload]
+    if lifted.size >= ENOUGH_SECONDS * rate:
         raise ValueError(
-            f"what was lifted weighs about {np.median(hanging):.0f} kg, not {known_kg:g} kg: give its true weight, and "
-            f"lift nothing else; if it is right, all forces are {np.median(hanging) / known_kg:.2f} times as large as "
+            f"what was lifted weighs about {np.median(lifted):.0f} kg, not {known_kg:g} kg: give its true weight, and "
+            f"lift nothing else; if it is right, all forces are {np.median(lifted) / known_kg:.2f} times as large as "
             f"it needs: check {CHECKED}"
         )
     raise ValueError(
-        f"no lift of {known_kg:g} kg is seen: lift the known weight clear of the ground, move it up and down for at "
+        f"no lift of {known_kg:g} kg is loads: lift the known weight clear of the ground, move it up and down for at "
         f"least {ENOUGH_SECONDS:.0f} s, set it down"
     )
 
 
-def _alike(seen: Array, known_kg: float) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(seen - known_kg) < ALIKE * known_kg)
+def _alike(loads: Array, known_kg: float) -> NDArray[np.bool_]:
+    """Return whether each estimated load (T,) [kg] is taken for the known weight."""
+    return np.asarray(np.abs(loads - known_kg) < ALIKE * known_kg)
 
 
-def _before(found: Identification) -> Prior:
-    """Prior of the parameters Phi (P), the load's first moments and inertia c (3) and the scale error s (1)."""
-    machine, size = found.model.machine, len(found.model.parameters)
+def _prior(empty: Identification) -> Prior:
+    """Return the prior of the parameters Phi (P), the load's first moments and inertia c (3) and the scale error s."""
+    machine, size = empty.model.machine, len(empty.model.parameters)
     moment = machine.rated_payload * machine.payload_reach
     spread = np.array([moment, moment, moment * machine.payload_reach, WRONG_SCALE])
     covariance = np.zeros((size + 4, size + 4))
-    covariance[:size, :size], covariance[size:, size:] = found.tares.covariance, np.diag(spread**2)
-    return Prior(np.append(found.tares.values, np.zeros(4)), covariance)
+    covariance[:size, :size], covariance[size:, size:] = empty.tares.covariance, np.diag(spread**2)
+    return Prior(np.append(empty.tares.values, np.zeros(4)), covariance)
 
 
-def _factors(found: Identification, values: Array, hanging: Array, known_kg: float) -> Factors:
-    """Factors of the rows in which the known weight is in the air; `hanging` (T-1,) [kg]: estimated load."""
-    model = found.model
-    seen, size = observe(model, values), len(model.parameters)
-    load, noisy = seen.columns @ model.load, seen.noise[..., :size] @ model.load
-    hangs = _alike(hanging, known_kg)[model.settle_steps :]
-    observed = np.where(hangs[:, None], seen.torque - known_kg * load[..., 0], np.nan)
-    columns = np.concatenate([seen.columns, load[..., 1:], known_kg * load[..., :1]], axis=-1)
-    shift = seen.noise[..., -1:] - known_kg * noisy[..., :1]
-    noise = np.concatenate([seen.noise[..., :size], noisy[..., 1:], known_kg * noisy[..., :1], shift], axis=-1)
-    rows = blocks.BlockRows(columns, observed, noise, seen.certain, _mark(seen))
-    return blocks.row_factors(rows, int(observation.BLOCK_SECONDS * model.filters.rate_hz))
+def _factors(empty: Identification, values: Array, loads: Array, known_kg: float) -> Factors:
+    """Return the factors of the rows in which the known weight is in the air.
+
+    values: samples (T, S) [SI]
+    loads: (T-1,) estimated load [kg]
+    """
+    model = empty.model
+    rows, size = observe(model, values), len(model.parameters)
+    load_columns, load_noise = rows.columns @ model.load, rows.noise[..., :size] @ model.load
+    in_air = _alike(loads, known_kg)[model.settle_steps :]
+    # observed: torque - known l_m; columns: W, l_c, known l_m; the sensors' noise in them likewise
+    observed = np.where(in_air[:, None], rows.torque - known_kg * load_columns[..., 0], np.nan)
+    columns = np.concatenate([rows.columns, load_columns[..., 1:], known_kg * load_columns[..., :1]], axis=-1)
+    noise = np.concatenate(
+        [
+            rows.noise[..., :size],
+            load_noise[..., 1:],
+            known_kg * load_noise[..., :1],
+            rows.noise[..., -1:] - known_kg * load_noise[..., :1],
+        ],
+        axis=-1,
+    )
+    block_rows = blocks.BlockRows(columns, observed, noise, rows.certain, _mark(rows))
+    return blocks.row_factors(block_rows, int(observation.BLOCK_SECONDS * model.filters.rate_hz))
 
 
-def _mark(seen: Observed) -> Array:
-    return np.concatenate([seen.posture, np.abs(seen.speed)], axis=1)
+def _mark(rows: Observed) -> Array:
+    """Return what is averaged over each block: posture (N) and size of the cylinder speeds (C)."""
+    return np.concatenate([rows.posture, np.abs(rows.speed)], axis=1)

@@ -1,5 +1,8 @@
-"""Moves of all joints at once to postures that the recording does not contain yet. Strokes of one joint measure only at
-the positions where the other joints wait; the model must be valid in the whole working range."""
+"""Moves of all joints at once to postures that the recording does not contain yet.
+
+Strokes of one joint measure only at the positions where the other joints wait. The model must be valid in the whole
+working range.
+"""
 
 from itertools import product
 from typing import NamedTuple
@@ -13,23 +16,30 @@ from cylforce.mechanics.workspace import joint_angles
 from cylforce.signals.estimate import Array
 
 VISITED_S = 0.2  # s of motion in a pair of bins of neighbouring joints, from which on the pair is visited; chosen
-ENOUGH = 0.9  # of the pairs within reach, which must be visited; chosen
+ENOUGH = 0.9  # share of the pairs within reach that must be visited; chosen
 LOW = 0.4  # quantile of the tool's height over all postures, below which it might reach the ground; chosen
-BRISK = 2.5  # times `Plan.fast`: speed of the fastest cylinder in such a move; chosen
-ARRIVED = 0.6  # times a bin: distance from the target at which it counts as reached; chosen
+BRISK = 2.5  # speed of the fastest cylinder in such a move, times `Plan.fast`; chosen
+ARRIVED = 0.6  # distance from the target at which it counts as reached, times a bin; chosen
 
 
 class Reach(NamedTuple):
-    """A move of all joints to the posture `target` (N,) [rad] in `seconds` [s]."""
+    """A move of all joints to a posture.
+
+    target: (N,) posture at its end, angles of `drive` [rad]
+    seconds: duration [s]
+    """
 
     target: Array
     seconds: float
 
 
 class Postures(NamedTuple):
-    """K postures, at the middles of the bins of all driven joints, in which the tool is high enough: joint angles
-    `theta` (K, N) [rad]; their `bins` (K, M); `pairs` (M-1, BINS, BINS): whether any of them has this pair of bins of
-    two neighbouring joints."""
+    """K postures in which the tool is high enough, at the middles of the bins of all driven joints.
+
+    theta: (K, N) angles of `drive` [rad]
+    bins: (K, M) number of each driven joint's bin
+    pairs: (M-1, BINS, BINS) whether any posture has this pair of bins of two neighbouring joints
+    """
 
     theta: Array
     bins: NDArray[np.intp]
@@ -37,7 +47,7 @@ class Postures(NamedTuple):
 
 
 def postures(machine: Machine, plan: Plan) -> Postures:
-    """The postures that the operator may be asked for."""
+    """Return the postures that the operator may be asked for."""
     bins = np.array(list(product(range(BINS), repeat=len(plan.joints))), dtype=np.intp)
     theta = np.zeros((len(bins), machine.size))
     middles = (plan.edges[:, 1:] + plan.edges[:, :-1]) / 2.0
@@ -52,32 +62,42 @@ def postures(machine: Machine, plan: Plan) -> Postures:
 
 
 def visited(places: Postures, seconds: Array) -> float:
-    """Share (0..1) of the pairs of angles in `places` in which the machine was for VISITED_S or longer, by the
-    `seconds` (M-1, BINS, BINS) of `coverage.planes`; 1 without any pair."""
+    """Return the share (0..1) of the pairs of bins in which the machine was for VISITED_S or longer; 1 without any
+    pair.
+
+    seconds: (M-1, BINS, BINS) coverage of pairs, as from `coverage.planes` [s]
+    """
     return float(np.mean(seconds[places.pairs] >= VISITED_S)) if np.any(places.pairs) else 1.0
 
 
 def next_reach(
     machine: Machine, plan: Plan, places: Postures, seconds: Array, posture: Array, last: Reach | None
 ) -> Reach | None:
-    """The next move from `posture` (N,) [rad] (NaN: unknown): to the posture with most pairs not yet visited; the
-    `last` move until its target is reached; None when enough was visited."""
+    """Return the next move: to the posture with most pairs not yet visited; None when enough pairs were visited.
+
+    The last move continues until its target is reached.
+
+    seconds: (M-1, BINS, BINS) coverage of pairs [s]
+    posture: (N,) present angles of `drive` [rad]; NaN: unknown
+    last: the move that was requested before
+    """
     if visited(places, seconds) >= ENOUGH:
         return None
     joints, width = list(plan.joints), plan.edges[:, 1] - plan.edges[:, 0]
-    here = np.where(np.isnan(posture[joints]), plan.edges.mean(axis=1), posture[joints])
-    if last is not None and np.any(np.abs(last.target[joints] - here) > ARRIVED * width):
+    angles = np.where(np.isnan(posture[joints]), plan.edges.mean(axis=1), posture[joints])
+    if last is not None and np.any(np.abs(last.target[joints] - angles) > ARRIVED * width):
         return last
-    new = np.zeros(len(places.theta))
+    unvisited = np.zeros(len(places.theta))
     for k in range(len(places.pairs)):
-        new += seconds[k, places.bins[:, k], places.bins[:, k + 1]] < VISITED_S
-    away = np.sum(np.abs(places.theta[:, joints] - here) / (BINS * width), axis=1)
-    target = places.theta[int(np.argmax(new + away / (1.0 + len(joints))))]
+        unvisited += seconds[k, places.bins[:, k], places.bins[:, k + 1]] < VISITED_S
+    distance = np.sum(np.abs(places.theta[:, joints] - angles) / (BINS * width), axis=1)
+    target = places.theta[int(np.argmax(unvisited + distance / (1.0 + len(joints))))]
     return Reach(target, _seconds(machine, plan, posture, target))
 
 
 def _seconds(machine: Machine, plan: Plan, posture: Array, target: Array) -> float:
-    both = np.array([np.where(np.isnan(posture), target, posture), target])
-    ends = machine.geometry(joint_angles(machine, both)).length
-    way = np.abs(ends[1] - ends[0])[list(plan.cylinders)]
-    return float(np.max(way / (BRISK * plan.fast), initial=1.0))
+    """Return the duration of a move [s], at least 1 s, whose fastest cylinder has the speed BRISK."""
+    ends = np.array([np.where(np.isnan(posture), target, posture), target])
+    begin, end = machine.geometry(joint_angles(machine, ends)).length
+    travel = np.abs(end - begin)[list(plan.cylinders)]
+    return float(np.max(travel / (BRISK * plan.fast), initial=1.0))

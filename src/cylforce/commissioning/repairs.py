@@ -1,5 +1,8 @@
-"""Which single correction of the machine file, or of the wiring, would make a recording fit: each is tried on the last
-samples of the recording, and ranked by the Bayesian information criterion (`explained.criterion`)."""
+"""Find the single correction of the machine file, or of the wiring, that makes a recording fit.
+
+Each correction is tried on the last samples of the recording. They are ranked by the Bayesian information criterion
+(`explained.criterion`).
+"""
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import fields, replace
@@ -10,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.commissioning.common_scale import common_scale, rescaled
-from cylforce.commissioning.emptiness import FITTING, not_empty
+from cylforce.commissioning.emptiness import FITTING, load_or_contact
 from cylforce.commissioning.explained import FAR, criterion, quality, row_noise, unseen
 from cylforce.commissioning.wiring import PLACES, PRESSURES, SHORT_S, Exchange, exchanges, misfit, swapped
 from cylforce.estimation.batch import least_squares
@@ -23,28 +26,38 @@ from cylforce.mechanics.unwrapping import Unwrapping
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-TYPICAL = 0.01  # of a joint's torque (rms): what machines in order leave unexplained
-DECISIVE = 10.0  # difference of the criterion beyond which an explanation is better: "very strong" evidence (Kass and
-# Raftery 1995, doi:10.1080/01621459.1995.10476572)
-MOST = 3  # corrections that are named
-BORES, LENGTHS = (0.7, 1.4), (0.7, 1.4)  # times what the file says: range in which a bore or length is searched
-OFFSETS = np.radians(45.0)  # range in which a zero of an angle is searched
-STEPS = 10  # of such a search
+TYPICAL = 0.01  # unexplained share (rms) of a joint's torque on a healthy machine, from tools/studies/unexplained.py
+# Difference of the criterion beyond which an explanation is better: "very strong" evidence (Kass and Raftery 1995,
+# doi:10.1080/01621459.1995.10476572).
+DECISIVE = 10.0
+MOST = 3  # corrections that are named; chosen
+BORES, LENGTHS = (0.7, 1.4), (0.7, 1.4)  # range in which a bore or length is searched, times the file's value; chosen
+OFFSETS = np.radians(45.0)  # rad, range in which a zero of an angle is searched; chosen
+STEPS = 10  # steps of such a search; chosen
 HOPELESS = 1e12  # criterion that stands for infinite in a search
 ANGLES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
 SCALE = "scale"  # cause: the common scale of all measured forces
 
 
 class Case(NamedTuple):
-    """What may be wrong: a model and samples (T, S)."""
+    """A model and the recording that it should explain.
+
+    model: model of the empty machine, perhaps wrong
+    values: (T, S) samples [SI]
+    """
 
     model: Model
     values: Array
 
 
 class Repair(NamedTuple):
-    """A correction: its `cause` as in `wiring.Suspicion`, its `words`, its `score` (`explained.criterion`), and the
-    `case` so corrected."""
+    """A correction that was tried.
+
+    cause: short name, as in `wiring.Suspicion`
+    words: the correction in words
+    score: criterion of the fit after it (`explained.criterion`); the smaller, the better
+    case: the case so corrected
+    """
 
     cause: str
     words: str
@@ -53,8 +66,13 @@ class Repair(NamedTuple):
 
 
 class SizeSearch(NamedTuple):
-    """A correction whose size is searched within `limits`: its `cause`, the case so `changed`, and the correction in
-    words."""
+    """A correction whose size is searched.
+
+    cause: short name, as in `wiring.Suspicion`
+    limits: range of the size
+    changed: function of the size that returns the corrected case
+    words: function of the size that returns the correction in words
+    """
 
     cause: str
     limits: tuple[float, float]
@@ -63,52 +81,62 @@ class SizeSearch(NamedTuple):
 
 
 def repairs(case: Case, cylinders: Collection[int]) -> tuple[Repair, ...]:
-    """The corrections of any of the `cylinders`, of angles and of lengths with which `case` is in order: the best one,
-    then those that are not decisively worse. None when no single one is decisively better than the case as it is."""
+    """Return the single corrections with which a case is healthy: the best one, then those that are not decisively
+    worse.
+
+    Corrections of the `cylinders`, of angles and of lengths are tried. The result is empty when no single correction is
+    decisively better than the case without correction.
+    """
     if len(case.values) < SHORT_S * case.model.filters.rate_hz:
         return ()
-    tried = [Repair(words, words, score_of(changed), changed) for words, changed in _exchanged(case, cylinders)]
+    tried = [Repair(words, words, case_score(changed), changed) for words, changed in _exchanged(case, cylinders)]
     tried += [_searched(search) for search in _searches(case, cylinders)]
     tried += _rescaled(case)
-    there = min(score_of(case), HOPELESS)
-    ranked = sorted((t for t in tried if t.score < there - DECISIVE), key=lambda t: t.score)
+    uncorrected = min(case_score(case), HOPELESS)
+    ranked = sorted((t for t in tried if t.score < uncorrected - DECISIVE), key=lambda t: t.score)
     good: list[Repair] = []
-    for found in ranked:
-        if len(good) == MOST or (good and found.score > good[0].score + DECISIVE):
+    for repair in ranked:
+        if len(good) == MOST or (good and repair.score > good[0].score + DECISIVE):
             break
-        good += [found] if in_order(found.case) else []
+        good += [repair] if is_healthy(repair.case) else []
     return tuple(good)
 
 
-def score_of(case: Case, added: int = 0) -> float:
-    """The criterion of a fit of the empty machine to the samples, with `added` sizes that were searched; infinite when
-    a joint that moved is never seen."""
+def case_score(case: Case, added: int = 0) -> float:
+    """Return the criterion of a fit of the empty machine to the samples; infinite when a joint that moved is never
+    usable.
+
+    added: number of sizes that were searched
+    """
     model, fitted = case.model, _factors(case)
     if fitted is None or not np.any(fitted.samples) or any(unseen(model, fitted)):
         return np.inf
-    found = least_squares(fitted, typical_error(fitted), model.prior).values
-    return criterion(model, fitted, np.sum(residual_squares(fitted, found), axis=0), found, added)
+    values = least_squares(fitted, typical_error(fitted), model.prior).values
+    return criterion(model, fitted, np.sum(residual_squares(fitted, values), axis=0), values, added)
 
 
 def typical_error(fitted: Factors) -> Array:
-    """What machines in order leave unexplained of each joint's torque (R,) [N m]."""
+    """Return the torque (R,) [N m] that a healthy machine leaves unexplained at each joint: the share TYPICAL of its
+    rms.
+    """
     squares, samples = np.sum(fitted.triangle[..., -1] ** 2, axis=(0, 2)), np.sum(fitted.samples, axis=0)
     return np.asarray(np.maximum(TYPICAL * np.sqrt(squares / np.maximum(samples, 1.0)), 1.0))
 
 
-def in_order(case: Case) -> bool:
-    """Whether the samples, by themselves, are those of a machine in order, empty and clear of the ground."""
+def is_healthy(case: Case) -> bool:
+    """Return whether the samples alone are those of a healthy machine, empty and clear of the ground."""
     model = case.model
     whole = observed_factors(model, [case.values])
     fitted = chosen(whole, list(range(len(model.parameters))))
     noise = row_noise(fitted, model.prior)
     fit = least_squares(fitted, noise, model.prior)
-    good = misfit(fitted, fit.row_error) < FITTING
+    fits = misfit(fitted, fit.row_error) < FITTING
     near = quality(model, fitted, fit.values, fit.covariance).distance < FAR
-    return bool(good and near and not_empty(model, whole, noise, fit) is None)
+    return bool(fits and near and load_or_contact(model, whole, noise, fit) is None)
 
 
 def _factors(case: Case) -> Factors | None:
+    """Return the factors of the model's columns without sensor noise; None where no row can be computed."""
     try:
         whole = observed_factors(case.model, [case.values], noisy=False)
     except ValueError:
@@ -117,8 +145,10 @@ def _factors(case: Case) -> Factors | None:
 
 
 def _exchanged(case: Case, cylinders: Collection[int]) -> Iterator[tuple[str, Case]]:
-    """Corrections without a size: sensors exchanged, pins mirrored, angles counted the other way."""
-    model, values = case
+    """Yield corrections without a size, in words and applied: sensors exchanged, pins mirrored, signs of angles
+    changed.
+    """
+    model, values = case.model, case.values
     signals = model.machine.signals
     for pair in (*exchanges(model.machine), *_single_pressures(model.machine)):
         if any(signals[k].kind in PLACES or signals[k].index in cylinders for k in pair[0] + pair[1]):
@@ -136,14 +166,14 @@ def _exchanged(case: Case, cylinders: Collection[int]) -> Iterator[tuple[str, Ca
 
 
 def _single_pressures(machine: Machine) -> Iterator[Exchange]:
-    """The same side of two cylinders."""
+    """Yield the exchanges of the same side of two cylinders."""
     for kind in PRESSURES:
         places = [k for k, s in enumerate(machine.signals) if s.kind is kind]
         yield from (((a,), (b,)) for a, b in combinations(places, 2))
 
 
 def _mirrored(linkage: Linkage) -> Iterator[tuple[str, Linkage]]:
-    """(what is corrected, the linkage so corrected)"""
+    """Yield what is corrected, in words, and the linkage so corrected."""
     if not isinstance(linkage, Triangle | FourBar):
         return
     for name in (f.name for f in fields(linkage) if isinstance(getattr(linkage, f.name), tuple)):
@@ -156,7 +186,7 @@ def _mirrored(linkage: Linkage) -> Iterator[tuple[str, Linkage]]:
 
 
 def _searches(case: Case, cylinders: Collection[int]) -> Iterator[SizeSearch]:
-    """Corrections with a size: bores, zeros of angles, lengths of links."""
+    """Yield the corrections with a size: bores, zeros of angles, lengths of links."""
     model = case.model
     for c in cylinders:
         name = f"bore_mm of {model.machine.cylinders[c].name}"
@@ -171,29 +201,31 @@ def _searches(case: Case, cylinders: Collection[int]) -> Iterator[SizeSearch]:
 
 
 def _read_anew(model: Model, values: Array) -> Case:
-    """A case with other readings, whose angles have the whole turns that the joints then allow."""
+    """Return a case with other readings, unwrapped within the ranges of the joints."""
     return Case(model, Unwrapping(model.machine).of(values))
 
 
 def _rescaled(case: Case) -> list[Repair]:
-    """The correction of the common scale of all pressures; none where the data sheet does not exclude that they are
-    right."""
+    """Return the correction of the common scale of all pressures; empty where the data sheet allows that they are
+    right.
+    """
     fitted = _factors(case)
     if fitted is None or not np.any(fitted.samples):
         return []
-    found = common_scale(case.model, fitted, typical_error(fitted))
-    if not found.is_wrong or found.factor <= 0.0:
+    scale = common_scale(case.model, fitted, typical_error(fitted))
+    if not scale.is_wrong or scale.factor <= 0.0:
         return []
-    changed = Case(case.model, rescaled(case.model, case.values, found.factor))
-    return [Repair(SCALE, f"all pressures corrected, which are {found.words}", score_of(changed, 1), changed)]
+    changed = Case(case.model, rescaled(case.model, case.values, scale.factor))
+    return [Repair(SCALE, f"all pressures corrected, which are {scale.words}", case_score(changed, 1), changed)]
 
 
 def _moved(case: Case, k: int, by: float) -> Case:
+    """Return the case with the zero of angle signal k moved [rad]."""
     return _read_anew(case.model, _turned(case.values, k, by, 1.0))
 
 
 def _bored(case: Case, c: int, factor: float) -> Case:
-    """Another bore, the rod as it is."""
+    """Return the case with another bore of cylinder c, times the file's, and the rod unchanged."""
     cylinders = list(case.model.machine.cylinders)
     head, rod = cylinders[c].area_head * factor**2, cylinders[c].area_head - cylinders[c].area_rod
     cylinders[c] = replace(cylinders[c], area_head=head, area_rod=head - rod)
@@ -201,42 +233,49 @@ def _bored(case: Case, c: int, factor: float) -> Case:
 
 
 def _lengthened(case: Case, j: int, factor: float) -> Case:
+    """Return the case with another length of link j, times the file's."""
     links = list(case.model.machine.links)
     links[j] = replace(links[j], length=links[j].length * factor)
     return _with_machine(case, replace(case.model.machine, links=tuple(links)))
 
 
 def _linked(case: Case, c: int, linkage: Linkage) -> Case:
+    """Return the case with another linkage of cylinder c."""
     cylinders = list(case.model.machine.cylinders)
     cylinders[c] = replace(cylinders[c], linkage=linkage)
     return _with_machine(case, replace(case.model.machine, cylinders=tuple(cylinders)))
 
 
 def _with_machine(case: Case, machine: Machine) -> Case:
+    """Return the case with another machine, of the same filters and friction laws."""
     return Case(Model(machine, case.model.filters, case.model.friction), case.values)
 
 
 def _searched(search: SizeSearch) -> Repair:
+    """Return the correction with the best size within its limits."""
     from scipy import optimize
 
     def score(size: float) -> float:
-        return min(score_of(search.changed(size), 1), HOPELESS)
+        """Return the criterion for a size, finite also where the case cannot be computed."""
+        return min(case_score(search.changed(size), 1), HOPELESS)
 
-    found = optimize.minimize_scalar(score, bounds=search.limits, method="bounded", options={"maxiter": STEPS})
-    size = float(found.x)
-    return Repair(search.cause, search.words(size), float(found.fun), search.changed(size))
+    optimum = optimize.minimize_scalar(score, bounds=search.limits, method="bounded", options={"maxiter": STEPS})
+    size = float(optimum.x)
+    return Repair(search.cause, search.words(size), float(optimum.fun), search.changed(size))
 
 
 def _percent(name: str) -> Callable[[float], str]:
-    return lambda f: f"{name} {100.0 * abs(f - 1.0):.0f} % {'larger' if f > 1.0 else 'smaller'}"
+    """Return a function of a factor that says by how many per cent a figure becomes larger or smaller."""
+    return lambda factor: f"{name} {100.0 * abs(factor - 1.0):.0f} % {'larger' if factor > 1.0 else 'smaller'}"
 
 
 def _degrees(name: str) -> Callable[[float], str]:
-    return lambda d: f"{name} moved by {np.degrees(d):+.0f} deg"
+    """Return a function of an angle [rad] that says by how many degrees a zero moves."""
+    return lambda angle: f"{name} moved by {np.degrees(angle):+.0f} deg"
 
 
 def _turned(values: Array, k: int, about: float, sign: float) -> Array:
-    """Samples with signal `k` replaced by about + sign * signal."""
+    """Return samples with signal k replaced by about + sign * signal."""
     changed = values.copy()
     changed[:, k] = about + sign * values[:, k]
     return changed

@@ -1,4 +1,4 @@
-"""The next stroke of one joint that a commissioning needs, and the sentence that asks the operator for it."""
+"""The next stroke of one joint that a commissioning needs, and the sentence that requests it from the operator."""
 
 from itertools import product
 from typing import NamedTuple
@@ -11,22 +11,27 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, joint_angles, lifting, working_range
 from cylforce.signals.estimate import Array
 
-CLEAR = 0.5  # times its range: below it no motion of a lifting joint is asked for, as the tool might reach the ground
-AT = (0.15, 0.5, 0.85)  # times their ranges: positions in which the other joints may wait; chosen
-SPEED = {
-    Pace.SLOW: 0.7,
-    Pace.FAST: 2.0,
-}  # times `Plan.fast`: mean speed asked for; chosen with a margin, because no operator's speed is constant
-RUN_UP = 0.4  # times a bin: distance before and after the part of a stroke that counts; chosen
-OTHER_JOINT = 0.5  # ranges that are added to the distance of a stroke of another joint, so that joints alternate less
-AGAIN = 1.0  # ranges that are added to the distance of the stroke just made, so that it is not asked for again at once
+CLEAR = 0.5  # lower part of a lifting joint's range without strokes, as the tool might reach the ground; chosen
+HOLD_AT = (0.15, 0.5, 0.85)  # positions in which the other joints may wait, times their ranges; chosen
+# Requested mean speed, times `Plan.fast`; chosen with a margin to 1, because no operator's speed is constant.
+SPEED = {Pace.SLOW: 0.7, Pace.FAST: 2.0}
+RUN_UP = 0.4  # distance before and after the part of a stroke that counts, times a bin; chosen
+OTHER_JOINT = 0.5  # ranges added to the distance of a stroke of another joint, so that joints alternate less; chosen
+AGAIN = 1.0  # ranges added to the distance of the stroke just made, so that it is not requested again at once; chosen
 BEGUN, ENDED = 0.15, 0.95  # times a stroke: within the first it has begun, beyond the second it is complete; chosen
 
 
 class Stroke(NamedTuple):
-    """A stroke of `joint` from angle `begin` to `end` [rad] in `seconds` [s], its cylinder in direction `way` at
-    `pace`; meanwhile the other joints stay at the posture `hold` (N,) [rad]; all are angles of `drive`. `begun`:
-    whether it is under way."""
+    """A stroke of one joint, while the other joints stay at a posture; all angles are those of `drive`.
+
+    joint: number of the joint
+    way: direction of its cylinder
+    pace: slow or fast
+    begin, end: first and last angle of the joint [rad]
+    seconds: duration [s]
+    hold: (N,) posture of the other joints [rad]
+    begun: whether the stroke is under way
+    """
 
     joint: int
     way: Way
@@ -39,13 +44,15 @@ class Stroke(NamedTuple):
 
     @property
     def kind(self) -> tuple[int, Way, Pace]:
-        """Joint, direction and pace, which the stroke covers."""
+        """Return joint, direction and pace: the kind of motion that the stroke covers."""
         return self.joint, self.way, self.pace
 
 
 def clear_range(machine: Machine) -> Array:
-    """Joint angles (N, 2) [rad] in which a commissioning moves: the working ranges, and of the joints that lift the
-    stick only the upper half."""
+    """Return the range (N, 2) [rad] of every joint in which a commissioning moves.
+
+    These are the working ranges. Of the joints that lift the stick it is the upper half only.
+    """
     ranges = working_range(machine)
     up = list(lifting(machine))
     ranges[up, 0] += CLEAR * (ranges[up, 1] - ranges[up, 0])
@@ -53,13 +60,20 @@ def clear_range(machine: Machine) -> Array:
 
 
 def next_stroke(machine: Machine, plan: Plan, seconds: Array, posture: Array, last: Stroke | None) -> Stroke | None:
-    """The next stroke after the `last` one, for the `seconds` of `coverage` recorded so far and the joints at `posture`
-    (N,) [rad] (NaN: unknown); None when nothing is missing."""
-    wanted = _together(missing(plan, seconds))
-    going_on = _under_way(last, float(posture[last.joint])) if last is not None and last.kind in wanted else None
-    if going_on is not None:
-        return going_on
-    strokes = [_ends(machine, plan, gap) for gap in wanted.values()]
+    """Return the next stroke; None when no motion is missing.
+
+    The last stroke continues until its joint reaches its end. Otherwise it is the missing stroke that begins nearest to
+    the present posture.
+
+    seconds: coverage recorded so far, as from `coverage` (M, BINS, 2, 2) [s]
+    posture: (N,) present angles of `drive` [rad]; NaN: unknown
+    last: the stroke that was requested before
+    """
+    gaps = _together(missing(plan, seconds))
+    unfinished = _under_way(last, float(posture[last.joint])) if last is not None and last.kind in gaps else None
+    if unfinished is not None:
+        return unfinished
+    strokes = [_ends(machine, plan, gap) for gap in gaps.values()]
     if not strokes:
         return None
     nearest = min(strokes, key=lambda s: _distance(plan, s, posture, last))
@@ -67,26 +81,31 @@ def next_stroke(machine: Machine, plan: Plan, seconds: Array, posture: Array, la
     return nearest._replace(hold=hold, seconds=_seconds(machine, plan, nearest, hold))
 
 
-def _under_way(stroke: Stroke, here: float) -> Stroke | None:
-    """The stroke, with its progress noted, while its joint is at the angle `here` [rad]; None when it is complete."""
-    progress = (here - stroke.begin) / (stroke.end - stroke.begin)
+def _under_way(stroke: Stroke, angle: float) -> Stroke | None:
+    """Return the stroke, with `begun` updated, while its joint is under way; None when it is complete.
+
+    angle: present angle of its joint [rad]
+    """
+    progress = (angle - stroke.begin) / (stroke.end - stroke.begin)
     begun = stroke.begun or abs(progress) < BEGUN
     return None if begun and progress > ENDED else stroke._replace(begun=begun)
 
 
 def _together(gaps: tuple[Missing, ...]) -> dict[tuple[int, Way, Pace], Missing]:
-    """The gaps of each joint, direction and pace combined into one."""
-    found: dict[tuple[int, Way, Pace], Missing] = {}
+    """Return the gaps of each joint, direction and pace combined into one gap."""
+    combined: dict[tuple[int, Way, Pace], Missing] = {}
     for gap in gaps:
-        there = found.setdefault((gap.joint, gap.way, gap.pace), gap)
-        both = there._replace(low=min(there.low, gap.low), high=max(there.high, gap.high))
-        found[gap.joint, gap.way, gap.pace] = both
-    return found
+        kind = (gap.joint, gap.way, gap.pace)
+        first = combined.setdefault(kind, gap)
+        combined[kind] = first._replace(low=min(first.low, gap.low), high=max(first.high, gap.high))
+    return combined
 
 
 def _ends(machine: Machine, plan: Plan, gap: Missing) -> Stroke:
-    """The stroke that fills a gap, longer by RUN_UP at both ends where the range allows it; `seconds` and `hold` are
-    set later."""
+    """Return the stroke that fills a gap, longer by RUN_UP at both ends where the range allows it.
+
+    `seconds` and `hold` are preliminary; `next_stroke` sets them.
+    """
     k = plan.joints.index(gap.joint)
     edges = plan.edges[k]
     room = RUN_UP * (edges[-1] - edges[0]) / BINS
@@ -97,26 +116,33 @@ def _ends(machine: Machine, plan: Plan, gap: Missing) -> Stroke:
         gap.way is Way.EXTENDING
     )
     begin, end = (low, high) if rising else (high, low)
-    return Stroke(gap.joint, gap.way, gap.pace, float(begin), float(end), 0.0, middle)
+    return Stroke(
+        joint=gap.joint, way=gap.way, pace=gap.pace, begin=float(begin), end=float(end), seconds=0.0, hold=middle
+    )
 
 
 def _distance(plan: Plan, stroke: Stroke, posture: Array, last: Stroke | None) -> float:
-    """Distance from the present `posture` (N,) [rad] to the start of a stroke, in joint ranges, plus penalties: for a
-    fast stroke, for another joint than the last, for the same stroke again."""
+    """Return the distance from the present posture to the start of a stroke, in joint ranges, plus penalties.
+
+    There are penalties for a fast stroke, for another joint than the last, and for repeating the last stroke.
+
+    posture: (N,) present angles of `drive` [rad]; NaN: unknown
+    """
     edges = plan.edges[plan.joints.index(stroke.joint)]
-    here = posture[stroke.joint]
-    way = 0.0 if np.isnan(here) else abs(float(here) - stroke.begin) / float(edges[-1] - edges[0])
+    angle = posture[stroke.joint]
+    distance = 0.0 if np.isnan(angle) else abs(float(angle) - stroke.begin) / float(edges[-1] - edges[0])
     if last is not None:
-        way += AGAIN * (last.kind == stroke.kind) + OTHER_JOINT * (last.joint != stroke.joint)
-    return way + 2.0 * OTHER_JOINT * stroke.pace
+        distance += AGAIN * (last.kind == stroke.kind) + OTHER_JOINT * (last.joint != stroke.joint)
+    return distance + 2.0 * OTHER_JOINT * stroke.pace
 
 
 def _hold(machine: Machine, stroke: Stroke) -> Array:
-    """The posture (N,) [rad] of the other joints with which the tool stays as high as possible during the whole
-    stroke."""
+    """Return the posture (N,) [rad] of the other joints with which the lowest height of the tool in the stroke is
+    greatest.
+    """
     ranges = clear_range(machine)
     others = [j for j in driven(machine) if j != stroke.joint]
-    posts = np.array(list(product(AT, repeat=len(others))))
+    posts = np.array(list(product(HOLD_AT, repeat=len(others))))
     theta = np.tile(ranges.mean(axis=1), (len(posts), 5, 1))
     for column, j in enumerate(others):
         theta[..., j] = (ranges[j, 0] + posts[:, column] * (ranges[j, 1] - ranges[j, 0]))[:, None]
@@ -126,13 +152,14 @@ def _hold(machine: Machine, stroke: Stroke) -> Array:
 
 
 def _seconds(machine: Machine, plan: Plan, stroke: Stroke, hold: Array) -> float:
+    """Return the duration of a stroke [s] at the speed of its pace."""
     k = plan.joints.index(stroke.joint)
     begin, end = _lengths(machine, plan.cylinders[k], stroke, hold)
     return abs(end - begin) / (SPEED[stroke.pace] * float(plan.fast[k]))
 
 
 def _lengths(machine: Machine, c: int, stroke: Stroke, hold: Array) -> tuple[float, float]:
-    """Lengths [m] of cylinder `c` at start and end of the stroke."""
+    """Return the lengths [m] of cylinder c at start and end of the stroke."""
     theta = np.array([hold, hold])
     theta[:, stroke.joint] = stroke.begin, stroke.end
     begin, end = machine.geometry(joint_angles(machine, theta)).length[:, c]
@@ -140,7 +167,7 @@ def _lengths(machine: Machine, c: int, stroke: Stroke, hold: Array) -> tuple[flo
 
 
 def sentence(machine: Machine, plan: Plan, stroke: Stroke) -> str:
-    """The sentence that asks the operator for a stroke."""
+    """Return the sentence that requests a stroke from the operator."""
     c = plan.cylinders[plan.joints.index(stroke.joint)]
     begin, end = (_share(machine, c, length) for length in _lengths(machine, c, stroke, stroke.hold))
     pace = "slowly" if stroke.pace is Pace.SLOW else "fast"
@@ -152,6 +179,7 @@ def sentence(machine: Machine, plan: Plan, stroke: Stroke) -> str:
 
 
 def _share(machine: Machine, c: int, length: float) -> str:
+    """Return a cylinder's position in words: an end, or per cent of its stroke."""
     cylinder = machine.cylinders[c]
     share = (length - cylinder.length_low) / (cylinder.length_high - cylinder.length_low)
     if share < 0.05:
@@ -160,7 +188,7 @@ def _share(machine: Machine, c: int, length: float) -> str:
 
 
 def reach_sentence(machine: Machine, plan: Plan, reach: Reach) -> str:
-    """The sentence that asks the operator for a move of all joints."""
+    """Return the sentence that requests a move of all joints from the operator."""
     lengths = machine.geometry(joint_angles(machine, reach.target)).length
     places = [
         f"the {machine.links[j].name}'s cylinder to {_share(machine, c, float(lengths[c]))}"
@@ -170,6 +198,7 @@ def reach_sentence(machine: Machine, plan: Plan, reach: Reach) -> str:
 
 
 def _waiting(machine: Machine, plan: Plan, stroke: Stroke) -> str:
+    """Return the end of a sentence: where the other joints' cylinders wait during a stroke."""
     lengths = machine.geometry(joint_angles(machine, stroke.hold)).length
     others = [
         f"the {machine.links[j].name}'s at {_share(machine, c, float(lengths[c]))}"

@@ -1,5 +1,8 @@
-"""Is every sensor alive, and where the machine file says? Checked on raw samples: values that repeat although they must
-change, an inertial sensor on another axis, and exchanges of two sensors with which the recording would fit."""
+"""Check on raw samples whether every sensor works and is connected where the machine file says.
+
+Signs of a fault: values that repeat although they must change, an inertial sensor on another axis, and exchanges of two
+sensors with which the recording would fit.
+"""
 
 from collections.abc import Iterator
 from itertools import combinations
@@ -19,30 +22,35 @@ from cylforce.signals.kinds import INERTIAL, Kind
 from cylforce.signals.units import DEGREE
 
 KEPT_S = 40.0  # s of the latest samples that are kept for trying exchanges; chosen
-SHORT_S = 8.0  # s of samples, below which no exchange is tried; chosen
+SHORT_S = 8.0  # s of samples below which no exchange is tried; chosen
 FROZEN_S = 1.0  # s of one and the same pressure while its cylinder moves: the sensor is frozen; chosen
 STILL_S = 5.0  # s of one and the same angle, without even noise, while a joint moves: the sensor is frozen; chosen
-TURNING = 0.01  # rad/s, from which on a joint counts as moving; chosen
+TURNING = 0.01  # rad/s, rate from which on a joint counts as moving; chosen
 WINDOW_S = 0.25  # s over which that rate is measured; chosen
-MISFIT = 0.03  # of the torque, unexplained: beyond it a sensor is suspected; chosen
-BETTER = 0.25  # of the misfit, which may remain after the right exchange; chosen
-AS_MANY = 0.8  # of the usable samples, which must remain usable after the right exchange; chosen
+MISFIT = 0.03  # unexplained share of the torque beyond which a sensor is suspected; chosen
+BETTER = 0.25  # largest misfit after the right exchange, times the misfit before it; chosen
+STILL_USABLE = 0.8  # share of the usable samples that must remain usable after the right exchange; chosen
 
-# Mounted by hand a sensor is within 2 to 3 degrees, and accelerometers are within 2 to 3 % of gravity; the base's own
-# acceleration averages out over the samples.
+# Largest error of direction [rad] and of size of the measured gravity. Mounted by hand a sensor is within 2 to 3
+# degrees, and accelerometers are within 2 to 3 % of gravity; the base's own acceleration averages out.
 ALIGNED, EXACT = 6.0 * DEGREE, 0.06
-ROCKS = 0.01  # rad/s rms of the pitch, from which on the sign of its rate is seen: twenty times the sensors' noise
+ROCKS = 0.01  # rad/s rms of the pitch rate from which on its sign is certain: twenty times the sensors' noise
 
 FROZEN = "frozen"  # cause of a suspicion for which there is no other explanation
 
-PLACES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
+PLACES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)  # signals that give a joint's position
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
-Exchange = tuple[tuple[int, ...], tuple[int, ...]]
+Exchange = tuple[tuple[int, ...], tuple[int, ...]]  # numbers of the signals of both sides of an exchange
 
 
 class SignalHistory(NamedTuple):
-    """The latest samples `kept` (K, S); per signal (S,): number of samples for which it has `repeated` one value
-    although it should change, up to now and the `longest` such time; its smallest change `step` [SI]."""
+    """History of the raw signals.
+
+    kept: (K, S) latest samples [SI]
+    repeated: (S,) samples for which the signal has repeated one value although it should change, up to now
+    longest: (S,) longest such time so far, in samples
+    step: (S,) smallest change of the signal other than zero [SI]
+    """
 
     kept: Array
     repeated: NDArray[np.intp]
@@ -51,22 +59,28 @@ class SignalHistory(NamedTuple):
 
 
 class Suspicion(NamedTuple):
-    """A possible `cause`, in the words of the corrections that are tried (`repairs.Repair`), and the `sentence` that
-    says what to do."""
+    """A possible cause of a misfit.
+
+    cause: in the words of the corrections that are tried (`repairs.Repair.cause`)
+    sentence: what is wrong and what to do
+    """
 
     cause: str
     sentence: str
 
 
-def nothing(machine: Machine) -> SignalHistory:
-    """The history before any sample."""
+def empty_history(machine: Machine) -> SignalHistory:
+    """Return the history before any sample."""
     size = len(machine.signals)
     none = np.zeros(size, dtype=np.intp)
     return SignalHistory(np.zeros((0, size)), none, none, np.full(size, np.inf))
 
 
-def gathered(model: Model, before: SignalHistory, values: Array, *, joins: bool) -> SignalHistory:
-    """The history `before` with further samples (T, S); `joins`: they follow the last ones without a gap."""
+def extended_history(model: Model, before: SignalHistory, values: Array, *, joins: bool) -> SignalHistory:
+    """Return a history with further samples (T, S) [SI].
+
+    joins: whether the samples follow the last ones without a gap
+    """
     most = int(KEPT_S * model.filters.rate_hz)
     kept = (np.concatenate([before.kept, values]) if joins else values)[-most:]
     last = before.kept[-1:] if joins else before.kept[:0]
@@ -78,8 +92,11 @@ def gathered(model: Model, before: SignalHistory, values: Array, *, joins: bool)
 
 
 def _runs(equal: NDArray[np.bool_], carried: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Length (S,) of the run of true values (T, S) at the end, and of the longest run; `carried` (S,): length of the
-    run at the end of the samples before."""
+    """Return the length (S,) of the run of true values at the end, and of the longest run.
+
+    equal: (T, S) whether a value repeats the last one
+    carried: (S,) length of the run at the end of the samples before
+    """
     if not len(equal):
         return carried, carried
     count = np.arange(1, len(equal) + 1)[:, None]
@@ -89,23 +106,25 @@ def _runs(equal: NDArray[np.bool_], carried: NDArray[np.intp]) -> tuple[NDArray[
 
 
 def _ought_to_change(model: Model, values: Array) -> NDArray[np.bool_]:
-    """Whether each signal should change at each sample (T, S): a pressure while a joint of its own cylinder moves, an
-    angle or length while any joint moves."""
+    """Return whether each signal should change at each sample (T, S).
+
+    A pressure should change while a joint of its own cylinder moves, an angle or length while any joint moves.
+    """
     machine, window = model.machine, int(WINDOW_S * model.filters.rate_hz)
     angle = model.channels.read(values)[:, : machine.size]
-    turns = np.zeros(angle.shape, dtype=bool)
-    turns[window:] = np.abs(angle[window:] - angle[:-window]) > TURNING * WINDOW_S
+    moves = np.zeros(angle.shape, dtype=bool)
+    moves[window:] = np.abs(angle[window:] - angle[:-window]) > TURNING * WINDOW_S
     ought = np.zeros(values.shape, dtype=bool)
     for k, signal in enumerate(machine.signals):
         if signal.kind in PRESSURES:
-            ought[:, k] = np.any(turns[:, list(machine.spans[signal.index])], axis=1)
+            ought[:, k] = np.any(moves[:, list(machine.spans[signal.index])], axis=1)
         elif signal.kind in PLACES:
-            ought[:, k] = np.any(turns, axis=1)
+            ought[:, k] = np.any(moves, axis=1)
     return ought
 
 
 def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
-    """One sentence when a pressure did not change for FROZEN_S although its cylinder moved, else None."""
+    """Return one sentence when a pressure did not change for FROZEN_S although its cylinder moved, else None."""
     for k, signal in enumerate(model.machine.signals):
         seconds = evidence.longest[k] / model.filters.rate_hz
         if signal.kind in PRESSURES and seconds >= FROZEN_S:
@@ -116,19 +135,23 @@ def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
     return None
 
 
-def misplaced(model: Model, kept: Array) -> str | None:
-    """One sentence when the inertial sensor cannot lie as the file says, by the samples `kept` (K, S); else None."""
+def misplaced_inertial_sensor(model: Model, kept: Array) -> str | None:
+    """Return one sentence when the inertial sensor cannot be mounted as the machine file says, else None.
+
+    kept: latest samples (K, S) [SI]
+    """
     if not model.channels.inertial or len(kept) <= model.settle_steps:
         return None
     return _off_axis(model, kept) or _backwards(model, kept)
 
 
 def _inertial_names(model: Model) -> list[str]:
-    """Of rate, forward and upward acceleration."""
+    """Return the names of the signals of rate, forward and upward acceleration."""
     return [next(s.name for s in model.machine.signals if s.kind is kind) for kind in INERTIAL]
 
 
 def _off_axis(model: Model, kept: Array) -> str | None:
+    """Return a sentence when the mean acceleration is not gravity at the measured tilt, else None."""
     channels = model.channels.read(kept).mean(axis=0)
     forward, upward = channels[model.channels.forces.stop + 1 : model.channels.forces.stop + 3].tolist()
     pitch, roll = channels[-3], channels[-2]
@@ -137,72 +160,81 @@ def _off_axis(model: Model, kept: Array) -> str | None:
     ratio = complex(forward, upward) / expected
     if abs(abs(ratio) - 1.0) < EXACT and abs(np.angle(ratio)) < ALIGNED:
         return None
-    _, x, z = _inertial_names(model)
+    forward_name, upward_name = _inertial_names(model)[1:]
     return (
-        f"{x} and {z} are {forward:.2f} and {upward:.2f} m/s^2 on average, but at this tilt {expected.real:.2f} and "
-        f"{expected.imag:.2f}: the inertial sensor lies on another axis; mount it with x forward and z up, or correct "
-        "object and sign of both entries, then start again"
+        f"{forward_name} and {upward_name} are {forward:.2f} and {upward:.2f} m/s^2 on average, but at this tilt "
+        f"{expected.real:.2f} and {expected.imag:.2f}: the inertial sensor lies on another axis; mount it with x "
+        "forward and z up, or correct object and sign of both entries, then start again"
     )
 
 
 def _backwards(model: Model, kept: Array) -> str | None:
+    """Return a sentence when the gyro's rate has the opposite sign of the measured pitch's rate, else None."""
     if not any(s.kind is Kind.PITCH for s in model.machine.signals):
         return None
-    turning = model.channels.turning(kept)[model.settle_steps :]
+    pitch_rate = model.channels.turning(kept)[model.settle_steps :]
     gyro = model.channels.read(kept)[1 + model.settle_steps :, model.channels.forces.stop]
-    if np.sqrt(np.mean(turning**2)) < ROCKS or turning @ gyro >= 0.0:
+    if np.sqrt(np.mean(pitch_rate**2)) < ROCKS or pitch_rate @ gyro >= 0.0:
         return None
     return f"{_inertial_names(model)[0]} counts against the pitch: correct the sign of its scale (nose up is positive)"
 
 
 def misfit(data: Factors, row_error: Array) -> float:
-    """Share of the torque that a fit with `row_error` (R,) [N m] leaves unexplained: rms over the measured torques;
-    infinite when none was measured."""
+    """Return the share of the torque that a fit leaves unexplained: rms over the measured torques; infinite without
+    any.
+
+    row_error: (R,) rms residual of the fit [N m]
+    """
     samples = np.sum(data.samples, axis=0)
-    seen = samples > 0
-    size = np.sqrt(np.sum(data.triangle[..., -1] ** 2, axis=(0, 2))[seen] / samples[seen])
-    return float(np.sqrt(np.mean((row_error[seen] / np.maximum(size, 1e-9)) ** 2))) if np.any(seen) else np.inf
+    measured = samples > 0
+    size = np.sqrt(np.sum(data.triangle[..., -1] ** 2, axis=(0, 2))[measured] / samples[measured])
+    return float(np.sqrt(np.mean((row_error[measured] / np.maximum(size, 1e-9)) ** 2))) if np.any(measured) else np.inf
 
 
-def miswired(model: Model, evidence: SignalHistory) -> Suspicion | None:
-    """For a recording that does not fit: what to do when an exchange of two sensors makes it fit, or when an angle or
-    length sensor is frozen; else None."""
+def wiring_fault(model: Model, evidence: SignalHistory) -> Suspicion | None:
+    """Return the wiring fault that explains a recording that does not fit, else None.
+
+    The fault is an exchange of two sensors with which the recording fits, or a frozen angle or length sensor.
+    """
     if len(evidence.kept) < SHORT_S * model.filters.rate_hz:
         return None
     return _exchanged(model, evidence.kept) or _frozen_place(model, evidence)
 
 
 def _exchanged(model: Model, kept: Array) -> Suspicion | None:
-    there, samples = _misfit_of(model, kept)
-    if there < MISFIT:
+    """Return the exchange with which the samples (K, S) fit best; None when none is clearly better."""
+    before, samples = _misfit_of(model, kept)
+    if before < MISFIT:
         return None
-    read = Unwrapping(model.machine).of  # exchanged angles have other whole turns
-    tried = [(*_misfit_of(model, read(swapped(kept, pair))), pair) for pair in exchanges(model.machine)]
-    fitting = [(left, pair) for left, count, pair in tried if count > AS_MANY * samples and left < BETTER * there]
+    unwrap = Unwrapping(model.machine).of  # exchanged angles have other whole turns
+    tried = [(*_misfit_of(model, unwrap(swapped(kept, pair))), pair) for pair in exchanges(model.machine)]
+    fitting = [
+        (after, pair) for after, count, pair in tried if count > STILL_USABLE * samples and after < BETTER * before
+    ]
     if not fitting:
         return None
-    left, pair = min(fitting)
+    after, pair = min(fitting)
     first, second = (" and ".join(model.machine.signals[k].name for k in part) for part in pair)
     return Suspicion(
         f"{first} exchanged with {second}",
         f"{first} must change places with {second}: the other way round, the unexplained torque falls from "
-        f"{100 * there:.0f} to {100 * left:.1f} %; exchange their cables, or their entries in the machine file",
+        f"{100 * before:.0f} to {100 * after:.1f} %; exchange their cables, or their entries in the machine file",
     )
 
 
 def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
-    """(Misfit, number of usable samples) of a stretch of samples (T, S) fitted by itself."""
+    """Return misfit and number of usable samples of a stretch of samples (T, S) fitted by itself."""
     data = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
     samples = np.sum(data.samples, axis=0)
     if not np.any(samples):
         return np.inf, 0.0
     size = np.sqrt(np.sum(data.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
-    left = misfit(data, least_squares(data, MISFIT * size + 1.0, model.prior).row_error)
-    return left, float(np.sum(samples))
+    row_error = least_squares(data, MISFIT * size + 1.0, model.prior).row_error
+    return misfit(data, row_error), float(np.sum(samples))
 
 
 def swapped(values: Array, pair: Exchange) -> Array:
-    """Samples (T, S) with the signals of `pair` exchanged."""
+    """Return samples (T, S) with the signals of a pair exchanged."""
     first, second = (list(part) for part in pair)
     exchanged = values.copy()
     exchanged[:, first + second] = values[:, second + first]
@@ -210,25 +242,28 @@ def swapped(values: Array, pair: Exchange) -> Array:
 
 
 def exchanges(machine: Machine) -> Iterator[Exchange]:
-    """Exchanges that are tried: head and rod side of a cylinder, the angle or length sensors of two joints, all
-    pressures of two cylinders."""
-    where = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
+    """Yield the exchanges that are tried.
+
+    They are head and rod side of a cylinder, the angle or length sensors of two joints, all pressures of two cylinders.
+    """
+    number = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
     for c in range(len(machine.cylinders)):
-        if all((kind, c) in where for kind in PRESSURES):
-            yield (where[PRESSURES[0], c],), (where[PRESSURES[1], c],)
-    places = [k for k, s in enumerate(machine.signals) if s.kind in PLACES]
-    yield from (((a,), (b,)) for a, b in combinations(places, 2))
+        if all((kind, c) in number for kind in PRESSURES):
+            yield (number[PRESSURES[0], c],), (number[PRESSURES[1], c],)
+    positions = [k for k, s in enumerate(machine.signals) if s.kind in PLACES]
+    yield from (((a,), (b,)) for a, b in combinations(positions, 2))
     cylinders = [
-        tuple(where[kind, c] for kind in PRESSURES if (kind, c) in where) for c in range(len(machine.cylinders))
+        tuple(number[kind, c] for kind in PRESSURES if (kind, c) in number) for c in range(len(machine.cylinders))
     ]
     yield from ((a, b) for a, b in combinations(cylinders, 2) if len(a) == len(b) > 0)
 
 
 def _frozen_place(model: Model, evidence: SignalHistory) -> Suspicion | None:
+    """Return a suspicion when an angle or length repeated one value for STILL_S although its noise should show."""
     for k, signal in enumerate(model.machine.signals):
         seconds = evidence.longest[k] / model.filters.rate_hz
-        shaky = signal.standard_error >= 0.5 * evidence.step[k] or not np.isfinite(evidence.step[k])
-        if signal.kind in PLACES and shaky and seconds >= STILL_S:
+        noisy = signal.standard_error >= 0.5 * evidence.step[k] or not np.isfinite(evidence.step[k])
+        if signal.kind in PLACES and noisy and seconds >= STILL_S:
             return Suspicion(
                 FROZEN,
                 f"{signal.name} showed exactly one value for {seconds:.0f} s of motion, and the forces do not fit it: "

@@ -1,12 +1,13 @@
-"""How long the unexplained torque keeps its sign, as far as a weight is concerned: every few seconds of the
-commissioning weigh a bucket that is known to be empty, and show by how much a weight is wrong that should be zero.
+"""Estimate from weighings of the empty bucket how far the residual is from white noise, and how it differs by stroke.
 
-What the model leaves is no white noise: friction that differs from stroke to stroke, geometry and linkages keep their
-sign for seconds. Weights of zero therefore scatter more than their noise tells. The factor between both is the number
-of samples that count as one.
+Every few seconds of the commissioning weigh a bucket that is known to be empty. The weight should be zero; its error
+shows the model error. The residual is no white noise: friction that differs from stroke to stroke, geometry and
+linkages keep their sign for seconds. Weights of zero therefore scatter more than white noise explains. The factor
+between both is the number of consecutive samples that count as one independent sample.
 
-Friction and the zeros of the pressures differ from stroke to stroke, too: parameters fitted to a recording are right on
-average, but a lift sees a few strokes only. The same few seconds show by how much."""
+Friction and the zeros of the pressures differ from stroke to stroke, too. Parameters fitted to a recording are right on
+average, but a lift contains a few strokes only. The same weighings give this spread.
+"""
 
 import numpy as np
 
@@ -16,23 +17,30 @@ from cylforce.estimation.model import EXPECTED, BetweenStrokes, Model
 from cylforce.estimation.residual import correlated, load_spread
 from cylforce.signals.estimate import Array
 
-BLOCKS = 3  # of the recording (`observation.BLOCK_SECONDS`) in one weighing of zero; chosen: a short lift
+BLOCKS = 3  # blocks of the recording (`observation.BLOCK_SECONDS`) in one weighing of zero; chosen: a short lift
 ENOUGH = 8  # weighings of zero before anything is concluded; chosen
-CERTAIN = 0.1  # times the rated payload: largest error by noise alone of a weighing that counts; chosen
+CERTAIN = 0.1  # largest error by noise alone of a weighing that counts, times the rated payload; chosen
 
 PRIOR_COUNT = 1.0  # strokes that the expected spread is worth; chosen: one
-STEPS = 30  # of expectation maximisation: changes are below 1 % then
+STEPS = 30  # steps of expectation maximisation: changes are below 1 % then
 
 
 def correlation(model: Model, data: Factors, values: Array, row_error: Array) -> float:
-    """Time [s] for which the residual keeps its sign, from blocks `data` of the empty machine with parameters `values`
-    (P,) and `row_error` (R,) [N m]; 0 where there are too few blocks."""
+    """Return the time [s] for which the residual keeps its sign; 0 where there are too few weighings.
+
+    data: factors of the empty machine
+    values: (P,) parameters
+    row_error: (R,) rms residual of each measured torque [N m]
+    """
     squares = weighings(model, data, values, row_error)
     return float(np.mean(squares)) / model.filters.rate_hz if len(squares) >= ENOUGH else 0.0
 
 
 def weighings(model: Model, data: Factors, values: Array, row_error: Array) -> Array:
-    """Square (W,) of every weight of zero over its variance by white noise of `row_error`."""
+    """Return for W weighings of zero the square (W,) of the weight over its variance by white noise.
+
+    The arguments are those of `correlation`.
+    """
     grams = np.einsum("brki,brkj->bij", *[_projected(model, data, values) / row_error[:, None, None]] * 2)
     grams = grams[: len(grams) // BLOCKS * BLOCKS].reshape(-1, BLOCKS, 5, 5).sum(axis=1)
     prior = np.diag(load_spread(model.machine) ** -2.0) / correlated(model.filters)
@@ -44,39 +52,45 @@ def weighings(model: Model, data: Factors, values: Array, row_error: Array) -> A
 
 
 def _projected(model: Model, data: Factors, values: Array) -> Array:
-    """Triangles (B, R, K+1, 5) of the load's columns and of what `values` leave."""
+    """Return the triangles (B, R, K+1, 5) of the four columns of the load and of the residual of `values`."""
     change = np.zeros((len(values) + 1, 5))
     change[:-1, :4], change[:-1, 4], change[-1, 4] = model.load, -values, 1.0
     return np.asarray(data.triangle @ change)
 
 
 def between_strokes(model: Model, whole: Factors, values: Array, row_error: Array) -> BetweenStrokes:
-    """The spread between strokes, from blocks `whole` of the empty machine (the columns of the zeros last), with
-    parameters `values` (P,) and `row_error` (R,) [N m].
+    """Return the spread of friction and of pressure zeros between strokes.
 
-    In a stroke the drift is d ~ N(0, k^2 S), S the expected spread; k^2 of friction and of zeros is the mode of its
-    posterior by expectation maximisation: k^2 = (n + sum (d^2 + c) / s^2) / (n + number), c the variance of d."""
-    gram, pull = _strokes(model, whole, values, row_error)
+    In a stroke the drift is d ~ N(0, k^2 S), with S the expected spread. The factor k^2 of friction and that of zeros
+    are the mode of their posterior by expectation maximisation: k^2 = (n + sum (d^2 + c) / s^2) / (n + number), with c
+    the variance of d and n = PRIOR_COUNT.
+
+    whole: factors of the empty machine, the columns of the pressure zeros last
+    values: (P,) parameters
+    row_error: (R,) rms residual of each measured torque [N m]
+    """
+    gram, vector = _strokes(model, whole, values, row_error)
     spread, kind = drift_spread(model, values, EXPECTED), kinds(model)
     scale = np.ones(2)
     for _ in range(STEPS):
         prior = (scale[kind] * spread) ** 2
         covariance = np.linalg.inv(gram + np.diag(1.0 / prior))
-        drift = np.einsum("gij,gj->gi", covariance, pull)
+        drift = np.einsum("gij,gj->gi", covariance, vector)
         square = (drift**2 + np.einsum("gii->gi", covariance)) / spread**2
         sums = np.array([square[:, kind == k].sum() for k in range(2)])
         counts = np.array([square[:, kind == k].size for k in range(2)])
         scale = np.sqrt((PRIOR_COUNT + sums) / (PRIOR_COUNT + counts))
-    return BetweenStrokes(*(float(k * s) for k, s in zip(scale, EXPECTED, strict=True)))
+    friction, zero = scale.tolist()
+    return BetweenStrokes(friction=friction * EXPECTED.friction, zero=zero * EXPECTED.zero)
 
 
 def _strokes(model: Model, whole: Factors, values: Array, row_error: Array) -> tuple[Array, Array]:
-    """Information (G, D, D) and its vector (G, D) about the drift in each of G short lifts."""
+    """Return the information (G, D, D) about the drift in each of G short lifts, and its vector (G, D)."""
     count, zeros = len(model.machine.cylinders), whole.triangle.shape[-1] - 1
     columns = whole.triangle[..., [*model.changing_friction, *range(zeros - count, zeros)]]
-    left = whole.triangle[..., -1] - whole.triangle[..., : len(values)] @ values
-    both = np.concatenate([columns, left[..., None]], axis=-1) / row_error[:, None, None]
-    gram = np.einsum("brki,brkj->bij", both, both) / correlated(model.filters)
+    unexplained = whole.triangle[..., -1] - whole.triangle[..., : len(values)] @ values
+    rows = np.concatenate([columns, unexplained[..., None]], axis=-1) / row_error[:, None, None]
+    gram = np.einsum("brki,brkj->bij", rows, rows) / correlated(model.filters)
     size = gram.shape[-1]
     gram = gram[: len(gram) // BLOCKS * BLOCKS].reshape(-1, BLOCKS, size, size).sum(axis=1)
     return gram[:, :-1, :-1], gram[:, :-1, -1]

@@ -136,7 +136,7 @@ async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, co
         def look() -> None:
             collector.think()
             view = collector.view()
-            screen.show(picture(guide, view), summary(guide, view), view.say)
+            screen.show(picture(guide, view), summary(guide, view), view.instruction)
             _check_outcome(guide, view)
             if view.advice.done:
                 until.set()
@@ -156,7 +156,7 @@ def _check_outcome(guide: Guide, view: View) -> None:
     if view.advice.refusal is not None:
         raise ValueError(view.advice.refusal)
     if view.deaf_s > GIVE_UP_S and view.advice.seconds == 0.0:
-        raise BusError(view.say)
+        raise BusError(view.instruction)
     if view.advice.seconds > LIMIT_S and not view.advice.done:
         raise ValueError(
             f"after {LIMIT_S / 60:.0f} minutes of motion {known(guide, view)}: check the machine file's tolerances and "

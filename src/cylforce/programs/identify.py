@@ -15,7 +15,7 @@ from cylforce.commissioning.common_scale import CommonScale
 from cylforce.commissioning.identification import Identification, identify, identify_attachment
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import TooShortError
-from cylforce.files.atomic import RecordingError, Tell, check_outputs, warn
+from cylforce.files.atomic import RecordingError, Report, check_outputs, warn
 from cylforce.files.logfile import file_sha256
 from cylforce.files.logreader import log_header
 from cylforce.mechanics.installation import STANDARD
@@ -81,7 +81,7 @@ def run_identify(
 
 
 @contextmanager
-def _reported() -> Iterator[Tell]:
+def _reported() -> Iterator[Report]:
     """Collect sentences on what was left out of recordings: warn of them, or, where no stretch of the recordings is
     long enough, append them to the sentence that says so. Raises RecordingError."""
     told = list[str]()
@@ -127,7 +127,7 @@ def _check_recordings(loaded: Loaded, recordings: Sequence[Path], lift: Path | N
         check_machine(path, log_header(path), loaded)
 
 
-def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch, tell: Tell) -> Iterator[Array]:
+def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch, tell: Report) -> Iterator[Array]:
     for _, segment in named_segments(loaded, recordings, watch, tell):
         yield segment
     watch("fitting, choosing friction laws", None)
@@ -162,7 +162,7 @@ def show(found: Identification, console: Console) -> None:
     tried = ", ".join(f"{law} {error:.3f}" for law, error in found.held_out.items())
     errors = f" (mean squared error in data left out of the fit: {tried})" if tried else ""
     console.print(f"friction: {', '.join(model.friction)}{errors}")
-    if found.knows_scale:
+    if found.scale_measured:
         console.print(f"scale from the known weight: {found.tares.scale:.4f} +- {found.tares.scale_error:.4f}")
     elif found.by_masses is not None:
         console.print(without_known_weight(found.tares, found.by_masses))

@@ -1,5 +1,7 @@
-"""Scenarios of the simulated machine: commissioning moves with an empty bucket, and digging cycles. Random numbers come
-from a generator passed by the caller."""
+"""Scenarios of the simulated machine: commissioning moves with an empty bucket, and digging cycles.
+
+Random numbers come from a generator that the caller passes.
+"""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -12,17 +14,20 @@ from cylforce.signals.estimate import Array
 from cylforce.simulation.soil import carried, draw_dig
 from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 
-FASTEST = 0.30  # m/s of any cylinder; chosen
-CLEAR = 0.3  # times their range: lifting joints stay above it in empty moves, to keep the tool off the ground; chosen
-ALONE = 0.45  # times the duration: for so long the joints move one by one; chosen
-SHAKE = 0.02  # times a joint's range: largest random change of a target from cycle to cycle; chosen
+FASTEST = 0.30  # m/s, highest speed of a cylinder; chosen
+CLEAR = 0.3  # lower part of the lifting joints' range that empty moves avoid, to keep the tool off the ground; chosen
+ALONE = 0.45  # share of the duration in which the joints move one by one; chosen
+SHAKE = 0.02  # largest random change of a target from cycle to cycle, times the joint's range; chosen
 TURN = 4.0  # s for a swing of the house; chosen
 HEADWAY = 2.4  # s of empty motion before the first cycle; chosen
 
 
 class Sweep(NamedTuple):
-    """A stroke of the nominal cycle: from `start` to `stop` [s] to `target`, a fraction of the joint's
-    working range."""
+    """A stroke of the nominal cycle.
+
+    start, stop: [s]
+    target: angle at its end, as a fraction of the joint's working range
+    """
 
     start: float
     stop: float
@@ -51,7 +56,7 @@ TOOL = (
     Sweep(10.4, 12.6, 0.80),
     Sweep(12.8, 14.5, 0.66),
 )
-HOME = (0.50, 0.66, 0.66)
+HOME = (0.50, 0.66, 0.66)  # posture before the first cycle (lifting joints, stick, tool), fractions of working ranges
 # A wheel loader's cycle, of the same length: arm down, bucket level; into the heap while the arm rises and the bucket
 # curls; lift; dump at height; back. Its tilt angle is measured from the chassis, and a larger one curls.
 LOADER_LIFT = (
@@ -68,20 +73,20 @@ LOADER_TOOL = (
     Sweep(12.6, 14.5, 0.50),
 )
 LOADER_HOME = (0.45, 0.50, 0.50)
-SWING = (Sweep(6.9, 10.7, 1.0), Sweep(12.0, 14.5, 0.0))
+SWING = (Sweep(6.9, 10.7, 1.0), Sweep(12.0, 14.5, 0.0))  # of the house, to the dump and back
 DIGGING = (2.6, 6.5, 11.0, 12.5)  # s: teeth in the soil from, to; material falls from, to
 PHASES = ((0.0, Phase.REACH), (2.6, Phase.DIG), (6.5, Phase.LIFT), (10.8, Phase.DUMP), (12.5, Phase.RETURN))
-NOMINAL = 14.6
+NOMINAL = 14.6  # s, duration of the nominal cycle
 
 
 def _role(machine: Machine, j: int) -> int:
-    """0: a lifting joint, 1: the stick, 2: the tool."""
+    """Return the role of joint j: 0 a lifting joint, 1 the stick, 2 the tool."""
     role = max(0, 2 - (machine.size - 1 - j))
     return 0 if role == 1 and is_loader(machine) else role
 
 
 def _nominal(machine: Machine, j: int) -> tuple[Sweep, ...]:
-    """The strokes of joint j in the nominal cycle; empty for a locked joint."""
+    """Return the strokes of joint j in the nominal cycle; empty for a locked joint."""
     moved = driven(machine)
     if is_loader(machine):
         return (LOADER_LIFT, (), LOADER_TOOL)[_role(machine, j)] if j in moved else ()
@@ -89,16 +94,20 @@ def _nominal(machine: Machine, j: int) -> tuple[Sweep, ...]:
     return (LIFT, STICK if lifts else STICK_ALONE, TOOL)[_role(machine, j)] if j in moved else ()
 
 
-def _begin(machine: Machine, fractions: tuple[float, float, float]) -> Array:
-    """The angles (N,) [rad] of `drive` at the given fractions of the working ranges (lifting joints, stick, tool)."""
+def posture_at(machine: Machine, fractions: tuple[float, float, float]) -> Array:
+    """Return the angles (N,) [rad] of `drive` at fractions of the working ranges (lifting joints, stick, tool)."""
     low, high = working_range(machine).T
     share = np.array([fractions[_role(machine, j)] for j in range(machine.size)])
     return np.asarray(low + share * (high - low))
 
 
 def cycles(machine: Machine, rng: np.random.Generator, count: int, swing: bool) -> Iterator[Scene]:
-    """Motion in the air with an empty bucket for 2.4 s, then `count` digging cycles of at most 15 s; each begins at the
-    pose in which the one before ended. `swing`: the house turns while the load is lifted, and back afterwards."""
+    """Yield motion in the air with an empty bucket for 2.4 s, then `count` digging cycles of at most 15 s.
+
+    Each cycle begins at the posture in which the one before ended.
+
+    swing: the house turns while the load is lifted, and back afterwards
+    """
     ranges = working_range(machine)
     scene = _headway(machine, ranges)
     yield of_joints(machine, scene)
@@ -108,7 +117,7 @@ def cycles(machine: Machine, rng: np.random.Generator, count: int, swing: bool) 
 
 
 def of_joints(machine: Machine, scene: Scene) -> Scene:
-    """The scene whose courses are those of the joints, from one whose courses are those of the angles of `drive`."""
+    """Return the scene with courses of the joints, from one with courses of the angles of `drive`."""
     D = drive(machine)
     if np.array_equal(D, machine.identity):
         return scene
@@ -126,15 +135,17 @@ def of_joints(machine: Machine, scene: Scene) -> Scene:
 
 
 def _headway(machine: Machine, ranges: Array) -> Scene:
-    begin, courses = _begin(machine, (0.55, 0.5, 0.5)), []
+    """Return the scene before the first cycle: an empty move to HOME."""
+    begin, courses = posture_at(machine, (0.55, 0.5, 0.5)), []
     home = LOADER_HOME if is_loader(machine) else HOME
     for j in range(machine.size):
         strokes = (Sweep(0.1, HEADWAY - 0.2, home[_role(machine, j)]),)
         courses.append(_course(machine, ranges, begin, j, strokes if j in driven(machine) else ()))
-    return Scene(HEADWAY, tuple(courses), JointCourse(0.0), ((0.0, Phase.AIR),))
+    return Scene(duration=HEADWAY, joints=tuple(courses), slew=JointCourse(0.0), phases=((0.0, Phase.AIR),), dig=None)
 
 
 def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, swing: bool) -> Scene:
+    """Return one random digging cycle from the posture `begin` (N,) [rad]."""
     stretch = float(rng.uniform(0.96, 15.0 / NOMINAL))
     courses = []
     for j in range(machine.size):
@@ -151,32 +162,45 @@ def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Arr
     start, stop, dump_start, dump_stop = (stretch * t for t in DIGGING)
     dig = draw_dig(rng, (start, stop, dump_start, dump_stop), machine.rated_payload, machine.payload_reach)
     phases = tuple((stretch * t, phase) for t, phase in PHASES)
-    return Scene(NOMINAL * stretch, tuple(courses), JointCourse(0.0, turns if swing else ()), phases, dig)
+    return Scene(
+        duration=NOMINAL * stretch,
+        joints=tuple(courses),
+        slew=JointCourse(0.0, turns if swing else ()),
+        phases=phases,
+        dig=dig,
+    )
 
 
 def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tuple[Sweep, ...]) -> JointCourse:
-    """Strokes of joint j to targets given as fractions of its range; a stroke that its cylinder cannot make in time is
-    shortened."""
+    """Return the strokes of joint j to targets given as fractions of its range.
+
+    A stroke that its cylinder cannot make in time is shortened.
+    """
     low, high = ranges[j]
-    now, steps = begin.copy(), []
+    posture, steps = begin.copy(), []
     for stroke in strokes:
         target = float(low + np.clip(stroke.target, 0.0, 1.0) * (high - low))
-        needed = stroke_time(machine, now, j, target, FASTEST)
-        rise = (target - float(now[j])) * min(1.0, (stroke.stop - stroke.start) / max(needed, 1e-9))
+        needed = stroke_time(machine, posture, j, target, FASTEST)
+        rise = (target - float(posture[j])) * min(1.0, (stroke.stop - stroke.start) / max(needed, 1e-9))
         steps.append(Move(stroke.start, stroke.stop, rise))
-        now[j] += rise
+        posture[j] += rise
     return JointCourse(float(begin[j]), tuple(steps))
 
 
 def moves(
     machine: Machine, rng: np.random.Generator, duration: float, *, payload: float = 0.0, turning: bool = False
 ) -> Scene:
-    """Commissioning moves of `duration` [s]. For the share ALONE of the time one joint after the other moves, slowly
-    and fast, in both directions (the paper's procedure); then all joints move at once at random speeds between random
-    postures. `payload` [kg] is in the bucket all the time; `turning`: in the second part the house turns to and fro as
-    well."""
+    """Return commissioning moves.
+
+    For the share ALONE of the time one joint after the other moves, slowly and fast, in both directions (the paper's
+    procedure). Then all joints move at once at random speeds between random postures.
+
+    duration: [s]
+    payload: mass in the bucket all the time [kg]
+    turning: in the second part the house turns to and fro as well
+    """
     ranges = working_range(machine)
-    begin = _begin(machine, (0.6, 0.5, 0.5))
+    begin = posture_at(machine, (0.6, 0.5, 0.5))
     for j in range(machine.size):
         if _role(machine, j) == 0:
             ranges[j, 0] += CLEAR * (ranges[j, 1] - ranges[j, 0])
@@ -191,33 +215,35 @@ def moves(
 
 
 def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Move, ...]:
-    """Swings of the house to either side and back, with rests, from `start` to `stop` [s]."""
+    """Return swings of the house to either side and back, with rests, from `start` to `stop` [s]."""
     steps: list[Move] = []
-    clock, side = start + 1.0, 1.0
-    while clock + 2 * TURN + 1.0 < stop:
+    t, side = start + 1.0, 1.0
+    while t + 2 * TURN + 1.0 < stop:
         angle = side * float(rng.uniform(1.0, 1.5))
-        steps += [Move(clock, clock + TURN, angle), Move(clock + TURN + 1.0, clock + 2 * TURN + 1.0, -angle)]
-        clock, side = clock + 2 * TURN + 3.0, -side
+        steps += [Move(t, t + TURN, angle), Move(t + TURN + 1.0, t + 2 * TURN + 1.0, -angle)]
+        t, side = t + 2 * TURN + 3.0, -side
     return tuple(steps)
 
 
 def _one_by_one(
     machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, stop: float
 ) -> list[list[Move]]:
-    """Strokes of one joint after the other until `stop` [s]: a fast one, a slow one, and one back at medium speed."""
+    """Return strokes of one joint after the other until `stop` [s]: a fast one, a slow one, and one back at medium
+    speed.
+    """
     steps: list[list[Move]] = [[] for _ in machine.links]
-    pose, clock = begin.copy(), 0.5
-    while clock < stop:
+    pose, t = begin.copy(), 0.5
+    while t < stop:
         for j in driven(machine):
             low, high = ranges[j]
             ends = low + (high - low) * rng.uniform((0.1, 0.6), (0.4, 0.9))
             for target, speed in zip((*ends, begin[j]), (1.0, 0.35, 0.7), strict=True):
-                time = stroke_time(machine, pose, j, float(target), speed * FASTEST)
-                if 0.0 < time < stop - clock:
-                    steps[j].append(Move(clock, clock + time, float(target - pose[j])))
+                duration = stroke_time(machine, pose, j, float(target), speed * FASTEST)
+                if 0.0 < duration < stop - t:
+                    steps[j].append(Move(t, t + duration, float(target - pose[j])))
                     pose[j] = target
-                    clock += time + 0.2
-        clock += 0.5
+                    t += duration + 0.2
+        t += 0.5
     return steps
 
 
@@ -230,18 +256,22 @@ def _wander(
     j: int,
     window: tuple[float, float],
 ) -> list[Move]:
-    """Strokes of joint j between random angles at random speeds, with short pauses."""
+    """Return strokes of joint j between random angles at random speeds, with short pauses.
+
+    begin: (N,) posture at the start [rad]
+    window: start and end [s]
+    """
     low, high = ranges[j]
-    now, (clock, stop) = begin.copy(), window
-    clock += float(rng.uniform(0.2, 1.0))
+    posture, (t, stop) = begin.copy(), window
+    t += float(rng.uniform(0.2, 1.0))
     steps: list[Move] = []
     while True:
-        share = (now[j] - low) / (high - low)
-        far = float(rng.uniform(0.5, 1.0)) if share < 0.5 else float(rng.uniform(0.0, 0.5))
-        target = float(low + far * (high - low))
-        time = stroke_time(machine, now, j, target, float(rng.uniform(0.25, 1.0)) * FASTEST)
-        if clock + time > stop:
+        share = (posture[j] - low) / (high - low)
+        target_share = float(rng.uniform(0.5, 1.0)) if share < 0.5 else float(rng.uniform(0.0, 0.5))
+        target = float(low + target_share * (high - low))
+        duration = stroke_time(machine, posture, j, target, float(rng.uniform(0.25, 1.0)) * FASTEST)
+        if t + duration > stop:
             return steps
-        steps.append(Move(clock, clock + time, target - float(now[j])))
-        now[j] = target
-        clock += time + float(rng.uniform(0.0, 0.5))
+        steps.append(Move(t, t + duration, target - float(posture[j])))
+        posture[j] = target
+        t += duration + float(rng.uniform(0.0, 0.5))

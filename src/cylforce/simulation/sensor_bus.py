@@ -1,5 +1,6 @@
 """The events of a simulated run, sensor frames and ticks, as the daemon would receive them, without a bus or a
-clock."""
+clock.
+"""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -14,14 +15,18 @@ from cylforce.signals.layout import Pdo
 from cylforce.simulation.sensing import Record, Sensors, as_sent
 
 ANSWER_US = 300  # us from SYNC to the first synchronous PDO; chosen
-FRAME_US = 250  # us per frame on the bus; nodes answer one after the other; 8 bytes of data, 500 kbit/s
-JITTER = 0.02  # times the period: standard deviation of an event timer; chosen
+FRAME_US = 250  # us between two answers: a frame with 8 bytes of data at 500 kbit/s
+JITTER = 0.02  # standard deviation of an event timer, times its period; chosen
 HEARTBEAT, OPERATIONAL = 0x700, 5  # identifier base and state byte of a heartbeat (CiA 301)
 
 
 class Window(NamedTuple):
-    """A part of the run: instants `t` (T,) [s] and the sensors' values before noise `analog` (T, S). The frames of this
-    part are sent after `begin` [s] and not after the last instant."""
+    """A part of the run. Its frames are sent after `begin` and not after its last instant.
+
+    t: (T,) instants, the last one of the part before included [s]
+    analog: (T, S) sensor values before noise and resolution [SI]
+    begin: [s]
+    """
 
     t: Array
     analog: Array
@@ -29,13 +34,18 @@ class Window(NamedTuple):
 
 
 def bus_events(
-    service: Service, made: Sensors, records: Iterable[Record], start_us: int, rng: np.random.Generator
+    service: Service, properties: Sensors, records: Iterable[Record], start_us: int, rng: np.random.Generator
 ) -> Iterator[Event]:
-    """Ticks at the service's rate and the sensors' boot-up messages, heartbeats and PDOs in order of time, from
-    `start_us` [us] on.
+    """Yield ticks at the service's rate and the sensors' boot-up messages, heartbeats and PDOs in order of time.
 
     The tick at t is the time of the SYNC to which synchronous PDOs answer: they carry the values of that time and
-    arrive before the next tick. Event-timer PDOs are not synchronised and have jitter."""
+    arrive before the next tick. Event-timer PDOs are not synchronised and have jitter.
+
+    properties: properties of the sensors
+    records: the run, part by part
+    start_us: time of the start of the run [us]
+    rng: generator of jitter and noise
+    """
     for node in service.nodes:
         yield Frame(start_us, HEARTBEAT + node.node_id, b"\x00")
     timers = [_timer(pdo, rng) for node in service.nodes for pdo in node.pdos if not pdo.synchronous]
@@ -46,7 +56,7 @@ def bus_events(
         pending += _clocked(service, record, start_us)
         pending += _heartbeats(service.nodes, window, start_us)
         for timer in timers:
-            pending += _free_running(service, made, timer, window, start_us=start_us, rng=rng)
+            pending += _free_running(service, properties, timer, window, start_us=start_us, rng=rng)
         pending.sort(key=lambda event: event.t_us)
         end_us = start_us + round(1e6 * float(window.t[-1]))
         yield from (event for event in pending if event.t_us <= end_us)
@@ -55,26 +65,31 @@ def bus_events(
 
 
 def _window(before: Window | None, record: Record) -> Window:
+    """Return the part of a record, which begins where the part before ended."""
     if before is None:
-        return Window(record.t, record.analog, float(record.t[0]) - 1e-9)
-    joined = np.concatenate([before.t[-1:], record.t]), np.concatenate([before.analog[-1:], record.analog])
-    return Window(*joined, float(before.t[-1]))
+        return Window(t=record.t, analog=record.analog, begin=float(record.t[0]) - 1e-9)
+    return Window(
+        t=np.concatenate([before.t[-1:], record.t]),
+        analog=np.concatenate([before.analog[-1:], record.analog]),
+        begin=float(before.t[-1]),
+    )
 
 
 def _clocked(service: Service, record: Record, start_us: int) -> Iterator[Event]:
-    """Ticks, each followed by the synchronous PDOs that answer its SYNC."""
+    """Yield ticks, each followed by the synchronous PDOs that answer its SYNC."""
     names = [signal.name for signal in service.machine.signals]
     pdos = [pdo for node in service.nodes for pdo in node.pdos if pdo.synchronous]
     for t, row in zip(record.t.tolist(), record.values.tolist(), strict=True):
         t_us = start_us + round(1e6 * t)
         yield Tick(t_us)
         values, count = dict(zip(names, row, strict=True)), round(t * service.filters.rate_hz)
-        asked = (pdo for pdo in pdos if count % max(pdo.sync, 1) == 0)
-        for k, pdo in enumerate(asked):
+        answering = (pdo for pdo in pdos if count % max(pdo.sync, 1) == 0)
+        for k, pdo in enumerate(answering):
             yield Frame(t_us + ANSWER_US + k * FRAME_US, pdo.can_id, encode(pdo, values))
 
 
 def _heartbeats(nodes: tuple[SensorNode, ...], window: Window, start_us: int) -> Iterator[Event]:
+    """Yield the heartbeats of all nodes in a part of the run."""
     for node in nodes:
         if node.heartbeat_s > 0:
             first = int(np.floor(window.begin / node.heartbeat_s)) + 1
@@ -84,13 +99,17 @@ def _heartbeats(nodes: tuple[SensorNode, ...], window: Window, start_us: int) ->
 
 
 class _Timer:
-    """An event timer that is not synchronised: its PDO and the time [s] at which that is sent next."""
+    """An event timer that is not synchronised.
+
+    pdo: the PDO that it sends
+    due: time at which it is sent next [s]
+    """
 
     def __init__(self, pdo: Pdo, first: float) -> None:
         self.pdo, self.due = pdo, first
 
     def until(self, end: float, rng: np.random.Generator) -> Array:
-        """The times (n,) [s] up to `end` at which the PDO is sent; the next call continues from there."""
+        """Return the times (n,) [s] up to `end` at which the PDO is sent; the next call continues from there."""
         count = int((end - self.due) / self.pdo.period_s * 1.5) + 8
         steps = self.pdo.period_s * (1.0 + JITTER * np.clip(rng.standard_normal(count), -5.0, 5.0))
         times = self.due + np.concatenate([[0.0], np.cumsum(steps)])
@@ -100,15 +119,16 @@ class _Timer:
 
 
 def _timer(pdo: Pdo, rng: np.random.Generator) -> _Timer:
+    """Return a timer with a random phase."""
     return _Timer(pdo, float(rng.uniform(0.0, pdo.period_s)))
 
 
 def _free_running(
-    service: Service, made: Sensors, timer: _Timer, window: Window, *, start_us: int, rng: np.random.Generator
+    service: Service, properties: Sensors, timer: _Timer, window: Window, *, start_us: int, rng: np.random.Generator
 ) -> Iterator[Event]:
-    """The frames of a PDO at the times of its own timer, with the sensor's values at those times."""
+    """Yield the frames of a PDO at the times of its own timer, with the sensor's values at those times."""
     times = timer.until(float(window.t[-1]), rng)
     analog = [np.interp(times, window.t, column) for column in window.analog.T]
     names = [signal.name for signal in service.machine.signals]
-    for t, row in zip(times.tolist(), as_sent(made, np.stack(analog, axis=-1), rng).tolist(), strict=True):
+    for t, row in zip(times.tolist(), as_sent(properties, np.stack(analog, axis=-1), rng).tolist(), strict=True):
         yield Frame(start_us + round(1e6 * t), timer.pdo.can_id, encode(timer.pdo, dict(zip(names, row, strict=True))))

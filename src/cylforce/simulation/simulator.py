@@ -1,9 +1,10 @@
-"""The simulated machine: from a given motion it computes the cylinder forces and pressures that this motion needs.
+"""The simulated machine: computes the cylinder forces and pressures that a given motion needs.
 
 It uses the same effects as the estimator: results on it show that the programs work, not how accurate the method is.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -45,7 +46,12 @@ SUPPLY = 4e5  # Pa, lowest pressure in a chamber; chosen
 
 
 class CylinderFriction(NamedTuple):
-    """A friction law that acts on every cylinder, with its `name` and its coefficients `value` (C,)."""
+    """A friction law that acts on every cylinder.
+
+    name: name of the law
+    law: force per unit of the coefficient
+    value: (C,) coefficient of each cylinder
+    """
 
     name: str
     law: ForceLaw
@@ -53,9 +59,14 @@ class CylinderFriction(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """The true machine, which the estimator does not know: its links; its friction; `back` (C,) [Pa/(m/s)^2]: pressure
-    loss of the return line; pitch and roll of the ground [rad], seen by a house that looks along its tracks; `effects`:
-    further differences from the model."""
+    """The true machine, which the estimator does not have.
+
+    links: the true links
+    friction: the true friction laws
+    back: (C,) pressure loss of the return line [Pa/(m/s)^2]
+    pitch, roll: of the ground [rad], as measured by a house that looks along its tracks
+    effects: further differences from the model
+    """
 
     links: tuple[Link, ...]
     friction: tuple[CylinderFriction, ...]
@@ -66,11 +77,21 @@ class Truth(NamedTuple):
 
 
 class Physics(NamedTuple):
-    """The physics of a scene at T instants `t` (T,) [s] from its start: `course`: joint motion; `moving`: the motion
-    with the true cylinder forces; `attitude`; `friction` (T, C) [N], contained in those forces; chamber pressures
-    `head` and `rod` (T, C) [Pa]; force of the soil on the teeth `soil` (T, 2) [N] (x forward, z truly vertical); tip
-    velocity (T, 2) [m/s]; tip place (T, 2) [m] from the first pin; the load; what an inertial sensor on the base
-    sees: its rate `turning` (T,) [rad/s] and its force `specific` (T,), forwards + i upwards [m/s^2]."""
+    """The physics of a scene at T instants.
+
+    t: (T,) time from the start of the scene [s]
+    course: joint motion
+    moving: motion with the true cylinder forces
+    attitude: attitude of the chassis
+    friction: (T, C) friction contained in those forces [N]
+    head, rod: (T, C) chamber pressures [Pa]
+    soil: (T, 2) force of the soil on the teeth, x forward, z truly vertical [N]
+    tip_velocity: (T, 2) velocity of the teeth in the same axes [m/s]
+    tip: (T, 2) place of the teeth from the first pin in the same axes [m]
+    load: the load in the bucket
+    turning: (T,) rate of an inertial sensor on the base [rad/s]
+    specific: (T,) its specific force, forwards + i upwards [m/s^2]
+    """
 
     t: Array
     course: Kinematics
@@ -90,12 +111,21 @@ class Physics(NamedTuple):
 def draw_truth(
     machine: Machine, rng: np.random.Generator, mass_error: float, effects: tuple[Imposed, ...] = ()
 ) -> Truth:
-    """A true machine drawn at random: its masses differ from the machine file by the fraction `mass_error` up or down,
-    centres and inertias in addition by up to half of it. Friction and return-line loss are drawn in proportion to
-    piston areas. The ground is level where no sensor measures the tilt."""
+    """Return a true machine drawn at random.
+
+    Friction and return-line loss are drawn in proportion to piston areas. The ground is level where no sensor measures
+    the tilt.
+
+    mass_error: fraction by which masses differ from the machine file, up or down; centres and inertias differ in
+        addition by up to half of it
+    effects: further differences from the model
+    """
     signs = rng.choice((-1.0, 1.0), machine.size)
-    rest = rng.uniform(-0.5, 0.5, (machine.size, 3)) * mass_error
-    links = tuple(_off(link, 1 + s * mass_error, r) for link, s, r in zip(machine.links, signs, rest, strict=True))
+    shape = rng.uniform(-0.5, 0.5, (machine.size, 3)) * mass_error
+    links = tuple(
+        _with_errors(link, 1 + sign * mass_error, of_link)
+        for link, sign, of_link in zip(machine.links, signs, shape, strict=True)
+    )
     area = np.array([c.area_head for c in machine.cylinders])
     coulomb, viscous = area * rng.uniform((1.0e5, 2e5), (1.6e5, 5e5), (area.size, 2)).T
     friction = (
@@ -103,29 +133,36 @@ def draw_truth(
         CylinderFriction("viscous", ViscousFriction(), viscous),
         CylinderFriction("stribeck", Stribeck(STRIBECK_SPEED, ROUNDING), coulomb * rng.uniform(0.3, 0.6, area.size)),
     )
-    seen = {signal.kind for signal in machine.signals}
-    pitch, roll = rng.uniform(-0.03, 0.03, 2) * (Kind.PITCH in seen, Kind.ROLL in seen)
-    return Truth(links, friction, rng.uniform(2e7, 4e7, area.size), float(pitch), float(roll), effects)
+    measured = {signal.kind for signal in machine.signals}
+    pitch, roll = rng.uniform(-0.03, 0.03, 2) * (Kind.PITCH in measured, Kind.ROLL in measured)
+    return Truth(
+        links=links,
+        friction=friction,
+        back=rng.uniform(2e7, 4e7, area.size),
+        pitch=float(pitch),
+        roll=float(roll),
+        effects=effects,
+    )
 
 
-def _off(link: Link, factor: float, rest: Array) -> Link:
-    """The link with `factor` times its mass; centre (x, z) and inertia in addition larger by the fractions `rest`
-    (3,)."""
-    return Link(
-        link.name,
-        link.length,
-        link.mass * factor,
-        link.cx * (1 + float(rest[0])),
-        link.cz * (1 + float(rest[1])),
-        link.inertia * factor * (1 + float(rest[2])),
-        *(link.angle_low, link.angle_high),
-        *(link.mass_error, link.centre_error, link.inertia_error, link.length_error),
+def _with_errors(link: Link, factor: float, shape: Array) -> Link:
+    """Return the link with `factor` times its mass; cx, cz and inertia in addition larger by fractions (3,)."""
+    cx_error, cz_error, inertia_error = shape.tolist()
+    return replace(
+        link,
+        mass=link.mass * factor,
+        cx=link.cx * (1 + cx_error),
+        cz=link.cz * (1 + cz_error),
+        inertia=link.inertia * factor * (1 + inertia_error),
     )
 
 
 def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: float = 0.0) -> Physics:
-    """The physics of a machine that follows `scene`, at times `t` (T,) [s] from the start of the scene, which is
-    `begin` [s] after the start of the run."""
+    """Return the physics of a machine that follows a scene.
+
+    t: (T,) times from the start of the scene [s]
+    begin: start of the scene after the start of the run [s]
+    """
     clock, machine = t + begin, altered(machine, truth.effects)
     course, carried = follow(scene, t), changed_load(truth.effects, load(scene.dig, t), clock)
     slew = np.sqrt(course.slew**2 + unseen_slew(truth.effects, clock))
@@ -145,27 +182,49 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     moving, friction = balance(truth, moving, tau, clock)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
     place = _plane(turn * tip.place)
-    seen = specific_force(machine, truth.effects, attitude, swung)
-    return Physics(t, course, moving, attitude, friction, head, rod, soil, velocity, place, carried, swung.rate, seen)
+    return Physics(
+        t=t,
+        course=course,
+        moving=moving,
+        attitude=attitude,
+        friction=friction,
+        head=head,
+        rod=rod,
+        soil=soil,
+        tip_velocity=velocity,
+        tip=place,
+        load=carried,
+        turning=swung.rate,
+        specific=specific_force(machine, truth.effects, attitude, swung),
+    )
 
 
 def specific_force(machine: Machine, effects: Sequence[Imposed], attitude: Attitude, swung: Swing) -> Complex:
-    """What an accelerometer at the machine's `inertial` place shows (T,), forwards + i upwards [m/s^2]: gravity, the
-    swing about the pivot of the effects that move the chassis, and the centripetal acceleration of slewing."""
-    from_pivot = machine.inertial + sum(complex(*each.sizes[:2]) for _, each in base_motions(effects))
+    """Return the reading of an accelerometer at the machine's `inertial` place (T,), forwards + i upwards [m/s^2].
+
+    It is the sum of gravity, the swing about the pivot of the effects that move the chassis, and the centripetal
+    acceleration of slewing.
+    """
+    from_pivot = machine.inertial + sum(complex(*imposed.sizes[:2]) for _, imposed in base_motions(effects))
     gravity = 1j * machine.gravity * np.cos(attitude.roll) * np.exp(-1j * np.asarray(attitude.pitch))
     swings = (1j * swung.acceleration - swung.rate**2) * from_pivot
     return np.asarray(gravity + swings - np.square(attitude.slew) * (machine.slew_axis + machine.inertial.real))
 
 
 def _plane(z: Complex) -> Array:
+    """Return complex numbers x + i z as vectors (..., 2)."""
     return np.stack([z.real, z.imag], axis=-1)
 
 
 def standing(pitch: float, roll: float, turn: Array) -> Attitude:
-    """Pitch and roll (T,) [rad] of a house turned by `turn` (T,) [rad] on ground with `pitch` and `roll` [rad], from
-    the direction of gravity in the house's axes: sin(roll) = a_y/g, pitch = atan2(a_x, a_z) (mechanics/README.md,
-    section 1)."""
+    """Return the attitude (T,) of a house turned on sloping ground.
+
+    sin(roll) = a_y/g and pitch = atan2(a_x, a_z), with a the direction of gravity in the house's axes
+    (mechanics/README.md, section 1).
+
+    pitch, roll: of the ground [rad]
+    turn: (T,) angle of the house from its tracks [rad]
+    """
     x, y, z = np.cos(roll) * np.sin(pitch), np.sin(roll), np.cos(roll) * np.cos(pitch)
     ahead = x * np.cos(turn) + y * np.sin(turn)
     aside = y * np.cos(turn) - x * np.sin(turn)
@@ -173,8 +232,11 @@ def standing(pitch: float, roll: float, turn: Array) -> Attitude:
 
 
 def base_values(links: tuple[Link, ...], carried: CarriedLoad) -> Array:
-    """(J, X, Z, D_excess, E) of every link (T, N, 5) with the load, which adds m l^2 to J and m l to X of all links but
-    the last, and its own moments to the last link (mechanics/README.md, sections 4 and 9)."""
+    """Return (J, X, Z, D_excess, E) of every link with the load (T, N, 5).
+
+    The load adds m l^2 to J and m l to X of all links but the last, and its own moments to the last link
+    (mechanics/README.md, sections 4 and 9).
+    """
     n, mass, (x, z) = len(links), carried.mass, carried.centre.T
     lengths = np.array([link.length for link in links])[:-1]
     values = np.zeros((*mass.shape, n, 5))
@@ -184,17 +246,20 @@ def base_values(links: tuple[Link, ...], carried: CarriedLoad) -> Array:
     values[..., :-1, 1] += mass[:, None] * lengths
     # the heap's spread is shared evenly by both axes: int z^2 dm = m z^2 + (J - m |c|^2)/2
     spread = carried.inertia - mass * (x**2 + z**2)
-    own = (carried.inertia, mass * x, mass * z, -2 * mass * z**2 - spread, mass * x * z)
-    values[..., -1, :] += np.stack(own, axis=-1)
+    of_load = (carried.inertia, mass * x, mass * z, -2 * mass * z**2 - spread, mass * x * z)
+    values[..., -1, :] += np.stack(of_load, axis=-1)
     return values
 
 
 def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: Attitude) -> Array:
-    """tau = d/dt(momentum) @ value + static @ value (T, N) [N m], `value` (T, N, 5): see `base_values`.
+    """Return tau = d/dt(momentum) @ value + static @ value (T, N) [N m].
 
     The momentum depends on angles and rates only. Each instant's angles, rates and accelerations give a parabola in
     time; finite differences along it give d/dt. `value` is not differentiated, because material is picked up and
-    released at the bucket's own velocity."""
+    released at the bucket's own velocity.
+
+    value: (T, N, 5) see `base_values`
+    """
     columns = _columns(lambda s: Rigid().halves(machine, _later(machine, course, attitude, s)))
     flat = value.shape[:-2]
     torque = columns @ value[..., :3].reshape(*flat, -1, 1)
@@ -203,7 +268,10 @@ def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: A
 
 
 def _columns(at: Callable[[float], Halves]) -> Array:
-    """d/dt(momentum) + static (T, N, P); `at(s)`: the halves `s` seconds after each instant."""
+    """Return d/dt(momentum) + static (T, N, P), by a fourth-order finite difference.
+
+    at: function of s that returns the halves s seconds after each instant
+    """
     columns = at(0.0).static
     for weight, s in ((8.0, H), (-8.0, -H), (-1.0, 2 * H), (1.0, -2 * H)):
         momentum = at(s).momentum
@@ -215,21 +283,25 @@ def _columns(at: Callable[[float], Halves]) -> Array:
 def carrying_torque(
     machine: Machine, effects: Sequence[Imposed], value: Array, course: Kinematics, attitude: Attitude, swung: Swing
 ) -> Array:
-    """Additional joint torques (T, N) [N m] by the effects that move the chassis (`BaseMotion`), which swings as
-    `swung`; `value` (T, N, 5): see `base_values`."""
+    """Return the additional joint torques (T, N) [N m] by the effects that move the chassis (`BaseMotion`).
+
+    value: (T, N, 5) see `base_values`
+    swung: the swing of the chassis
+    """
     torque = np.zeros_like(course.theta)
-    for effect, each in base_motions(effects):
+    for effect, imposed in base_motions(effects):
         columns = _columns(_carried(machine, effect, value[..., :3], course, attitude, swung))
-        torque += columns @ np.array(each.sizes)
+        torque += columns @ np.array(imposed.sizes)
     return torque
 
 
 def _carried(
     machine: Machine, effect: BaseMotion, base: Array, course: Kinematics, attitude: Attitude, swung: Swing
 ) -> Callable[[float], Halves]:
-    """A function of s: the effect's halves `s` seconds after each instant, along its parabola."""
+    """Return a function of s: the effect's halves s seconds after each instant, along its parabola."""
 
     def at(s: float) -> Halves:
+        """Return the halves s seconds after each instant."""
         pitch = np.asarray(attitude.pitch) + swung.rate * s + swung.acceleration * (s * s / 2)
         moving = _later(machine, course, attitude._replace(pitch=pitch), s)
         return effect.halves(machine, moving, swung.rate + swung.acceleration * s, base)
@@ -238,41 +310,67 @@ def _carried(
 
 
 def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -> Motion:
-    """The motion `s` seconds after each instant, along its parabola; without cylinders, which rigid columns do not
-    use."""
+    """Return the motion s seconds after each instant, along its parabola, without cylinders, which rigid columns do not
+    use.
+    """
     theta = course.theta + course.thetad * s + course.thetadd * (s * s / 2)
     none = np.zeros((*theta.shape[:-1], 0))
     a = np.cumsum(theta, axis=-1)
     qd = np.cumsum(course.thetad + course.thetadd * s, axis=-1)
     g = machine.gravity * np.cos(attitude.roll)
     q = a + np.asarray(attitude.pitch)[..., None]
-    return Motion(a, q, qd, np.asarray(g), np.asarray(attitude.slew), none, none, none, none, none)
+    return Motion(
+        a=a,
+        q=q,
+        qd=qd,
+        g=np.asarray(g),
+        slew=np.asarray(attitude.slew),
+        length=none,
+        lever=none,
+        transmission=none,
+        speed=none,
+        force=none,
+    )
 
 
 def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
-    """The motion with cylinder forces F, and the friction (T, C) [N] in them, from lever^T F = tau + torque of the
-    friction, at times t (T,) [s] of the run. Friction may depend on the force, so that both are found by iteration."""
+    """Return the motion with cylinder forces F, and the friction (T, C) [N] in them.
+
+    lever^T F = tau + torque of the friction. Friction may depend on the force, so that both are found by iteration.
+
+    tau: (T, N) torques that the motion needs [N m]
+    t: (T,) time from the start of the run [s]
+    """
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
-    bare = (inverse @ tau[..., None])[..., 0]
+    frictionless = (inverse @ tau[..., None])[..., 0]
     levels = [friction_level(truth.effects, moving.speed.shape[1], t, c.name) for c in truth.friction]
-    friction = np.zeros_like(bare)
-    for _ in range(TURNS):
-        loaded = moving._replace(force=bare + friction)
-        each = zip(levels, truth.friction, strict=True)
-        known = [level * c.value * c.law.force(loaded.speed, loaded.force, t) for level, c in each]
-        found = sum(known, excess_force(truth.effects, loaded, t))
-        change, friction = np.max(np.abs(found - friction), initial=0.0), found
-        if change < 1e-9:
+    friction = np.zeros_like(frictionless)
+    for _ in range(ITERATIONS):
+        loaded = moving._replace(force=frictionless + friction)
+        by_law = [
+            level * c.value * c.law.force(loaded.speed, loaded.force, t)
+            for level, c in zip(levels, truth.friction, strict=True)
+        ]
+        updated = sum(by_law, excess_force(truth.effects, loaded, t))
+        change, friction = np.max(np.abs(updated - friction), initial=0.0), updated
+        if change < CONVERGED:
             break
-    return moving._replace(force=bare + friction), friction
+    return moving._replace(force=frictionless + friction), friction
 
 
-TURNS = 30  # iterations at most; they end earlier when the friction changes by less than 1e-9 N
+ITERATIONS = 30  # of force and friction at most; chosen
+CONVERGED = 1e-9  # N, change of the friction at which the iteration ends; chosen: far below any sensor
 
 
 def pressures(machine: Machine, back: Array, force: Array, speed: Array) -> tuple[Array, Array]:
-    """Lowest head and rod pressures (T, C) [Pa] with p_head A_head - p_rod A_rod = F exactly, at least SUPPLY in every
-    chamber, and at least SUPPLY + back v^2 in the return chamber (rod side when extending)."""
+    """Return the lowest head and rod pressures (T, C) [Pa] with p_head A_head - p_rod A_rod = F exactly.
+
+    Every chamber has at least SUPPLY, the return chamber (rod side when extending) at least SUPPLY + back v^2.
+
+    back: (C,) pressure loss of the return line [Pa/(m/s)^2]
+    force: (T, C) cylinder forces F [N]
+    speed: (T, C) cylinder speeds v [m/s]
+    """
     head_area = np.array([c.area_head for c in machine.cylinders])
     rod_area = np.array([c.area_rod for c in machine.cylinders])
     returning = SUPPLY + back * speed**2

@@ -7,15 +7,20 @@ import numpy as np
 from cylforce.effects.loads.carried import RAMP, CarriedLoad, smooth
 from cylforce.signals.estimate import Array
 
-GYRATION = 0.35  # times the distance of the heap's centre from the last pin: its radius of gyration; chosen
-SLIP_SPEED = 0.05  # m/s of the teeth, below which the soil's force decreases to zero; chosen
+GYRATION = 0.35  # radius of gyration of the heap, times the distance of its centre from the last pin; chosen
+SLIP_SPEED = 0.05  # m/s of the teeth below which the soil's force decreases to zero; chosen
 
 
 class Dig(NamedTuple):
-    """One digging operation: the teeth are in the soil from `start` to `stop` [s]; meanwhile `mass` [kg] fills the
-    bucket around `centre` (x, z) [m] in the last link's frame; it is dumped from `dump_start` to `dump_stop` [s]. The
-    soil resists with `force` = (at first, at most) [N], modulated by K `waves` (K, 3): amplitude (share of the force),
-    angular frequency [rad/s], phase [rad]."""
+    """One digging operation.
+
+    start, stop: the teeth are in the soil between these times [s]
+    dump_start, dump_stop: the load is dumped between these times [s]
+    mass: load that fills the bucket while digging [kg]
+    centre: (x, z) of the load in the last link's frame [m]
+    force: resistance of the soil at first and at most [N]
+    waves: (K, 3) modulation of the resistance: amplitude (share of the force), angular frequency [rad/s], phase [rad]
+    """
 
     start: float
     stop: float
@@ -28,17 +33,30 @@ class Dig(NamedTuple):
 
 
 def carried(mass: float, centre: tuple[float, float]) -> Dig:
-    """A digging operation in the past: a load of `mass` [kg] at `centre` (x, z) [m] that is in the bucket
-    throughout."""
-    return Dig(-2.0, -1.0, 1e9, 2e9, mass, centre, (0.0, 0.0), np.zeros((0, 3)))
+    """Return a digging operation in the past: its load is in the bucket throughout.
+
+    mass: [kg]
+    centre: (x, z) of the load in the last link's frame [m]
+    """
+    return Dig(
+        start=-2.0,
+        stop=-1.0,
+        dump_start=1e9,
+        dump_stop=2e9,
+        mass=mass,
+        centre=centre,
+        force=(0.0, 0.0),
+        waves=np.zeros((0, 3)),
+    )
 
 
 def load(dig: Dig | None, t: Array) -> CarriedLoad:
-    """The load in the bucket at times t (T,) [s]."""
+    """Return the load in the bucket at times t (T,) [s]."""
     if dig is None:
         return CarriedLoad(np.zeros_like(t), np.zeros((*t.shape, 2)), np.zeros_like(t))
-    ends = ((dig.start, dig.stop), (dig.dump_start, dig.dump_stop))
-    filled, gone = (np.clip(smooth(t, *each), 0.0, 1.0) for each in ends)  # rounding must not carry less than nothing
+    # clipped, because rounding must not make the mass negative
+    filled = np.clip(smooth(t, dig.start, dig.stop), 0.0, 1.0)
+    gone = np.clip(smooth(t, dig.dump_start, dig.dump_stop), 0.0, 1.0)
     mass = dig.mass * filled * (1.0 - gone)
     # the first material lies near the teeth, the last leaves over them
     shift = 1.0 + 0.15 * (1.0 - filled) + 0.1 * gone
@@ -47,7 +65,7 @@ def load(dig: Dig | None, t: Array) -> CarriedLoad:
 
 
 def resistance(dig: Dig | None, t: Array) -> Array:
-    """Magnitude of the soil's force at the teeth (T,) [N] at times t (T,) [s]."""
+    """Return the magnitude of the soil's force at the teeth (T,) [N] at times t (T,) [s]."""
     if dig is None:
         return np.zeros_like(t)
     amplitude, frequency, phase = dig.waves.T
@@ -62,8 +80,11 @@ def resistance(dig: Dig | None, t: Array) -> Array:
 
 
 def soil_force(size: Array, tip_velocity: Array) -> Array:
-    """Force of the soil on the teeth (T, 2) [N], x forward and z up, of magnitude `size` (T,) [N], opposite to the
-    tip's velocity (T, 2) [m/s]."""
+    """Return the force of the soil on the teeth (T, 2) [N], x forward and z up, opposite to the tip's velocity.
+
+    size: (T,) its magnitude [N]
+    tip_velocity: (T, 2) [m/s]
+    """
     speed = np.sqrt(np.sum(tip_velocity**2, axis=-1) + SLIP_SPEED**2)
     return np.asarray(-tip_velocity * (size / speed)[:, None])
 
@@ -71,14 +92,27 @@ def soil_force(size: Array, tip_velocity: Array) -> Array:
 def draw_dig(
     rng: np.random.Generator, times: tuple[float, float, float, float], rated_payload: float, reach: float
 ) -> Dig:
-    """A random digging operation: a load of 0.2 to 1 of the rated payload [kg]; a force that grows from 0.7 to 1.6..4
-    times the weight of the rated payload.
+    """Return a random digging operation.
 
-    `times` = start, stop, dump_start, dump_stop [s]; `reach` [m]: largest distance of a load's centre from the last
-    pin."""
+    The load is 0.2 to 1 of the rated payload. The force grows from 0.7 to 1.6..4 times the weight of the rated payload.
+
+    times: start, stop, dump_start, dump_stop [s]
+    rated_payload: [kg]
+    reach: largest distance of a load's centre from the last pin [m]
+    """
     weight = 10.0 * rated_payload
     frequency = 2 * np.pi * np.array([0.4, 0.9, 1.7]) * rng.uniform(0.8, 1.25, 3)
     waves = np.stack([rng.uniform(0.03, 0.08, 3), frequency, rng.uniform(0, 2 * np.pi, 3)], axis=-1)
     centre = (float(reach * rng.uniform(0.55, 0.75)), float(reach * rng.uniform(0.0, 0.2)))
     peak = weight * float(rng.uniform(1.6, 4.0))
-    return Dig(*times, rated_payload * float(rng.uniform(0.2, 1.0)), centre, (0.7 * weight, peak), waves)
+    start, stop, dump_start, dump_stop = times
+    return Dig(
+        start=start,
+        stop=stop,
+        dump_start=dump_start,
+        dump_stop=dump_stop,
+        mass=rated_payload * float(rng.uniform(0.2, 1.0)),
+        centre=centre,
+        force=(0.7 * weight, peak),
+        waves=waves,
+    )

@@ -15,7 +15,7 @@ from cylforce.simulation.soil import Dig
 
 
 class Phase(IntEnum):
-    """What the machine does at a time; written into the truth file."""
+    """Phase of the work cycle; written into the truth file."""
 
     AIR = 0
     REACH = 1
@@ -26,7 +26,11 @@ class Phase(IntEnum):
 
 
 class Move(NamedTuple):
-    """A minimum-jerk stroke from `start` to `stop` [s] that changes the angle by `rise` [rad]."""
+    """A minimum-jerk stroke.
+
+    start, stop: [s]
+    rise: change of the angle [rad]
+    """
 
     start: float
     stop: float
@@ -34,32 +38,39 @@ class Move(NamedTuple):
 
 
 class JointCourse(NamedTuple):
-    """One joint's (or the house's) angle: `begin` [rad] and the strokes added to it."""
+    """The angle of one joint, or of the house, over time.
+
+    begin: angle at the beginning [rad]
+    steps: strokes that are added to it
+    """
 
     begin: float
     steps: tuple[Move, ...] = ()
 
     @property
     def end(self) -> float:
-        """The angle [rad] after all strokes."""
+        """Return the angle [rad] after all strokes."""
         return self.begin + sum(step.rise for step in self.steps)
 
     def at(self, t: Array) -> Array:
-        """Angle, rate and acceleration (3, T) [rad, rad/s, rad/s^2] at times (T,) [s], which ascend:
-        rise (10 u^3 - 15 u^4 + 6 u^5), u = (t - start)/(stop - start) within 0..1.
+        """Return angle, rate and acceleration (3, T) [rad, rad/s, rad/s^2] at ascending times t (T,) [s].
 
-        Each stroke is evaluated where it moves only, so that hours of strokes take memory and time in proportion."""
-        found, done = np.zeros((3, len(t))), np.zeros(len(t) + 1)
+        Each stroke is rise (10 u^3 - 15 u^4 + 6 u^5), with u = (t - start)/(stop - start) within 0..1. It is evaluated
+        only where it moves, so that memory and time stay in proportion for hours of strokes.
+        """
+        course, completed = np.zeros((3, len(t))), np.zeros(len(t) + 1)
         for step in self.steps:
             first, after = np.searchsorted(t, (step.start, step.stop))
-            found[:, first:after] += _stroke(step, t[first:after])
-            done[after] += step.rise
-        found[0] += self.begin + np.cumsum(done[:-1])
-        return found
+            course[:, first:after] += _stroke(step, t[first:after])
+            completed[after] += step.rise
+        course[0] += self.begin + np.cumsum(completed[:-1])
+        return course
 
 
 def _stroke(step: Move, t: Array) -> Array:
-    """Angle, rate and acceleration (3, T) that a stroke adds at times (T,) [s] between its start and its stop."""
+    """Return angle, rate and acceleration (3, T) that a stroke adds at times (T,) [s] between its start and its
+    stop.
+    """
     length = step.stop - step.start
     u = (t - step.start) / length
     angle = u**3 * (10 - 15 * u + 6 * u**2)
@@ -68,8 +79,14 @@ def _stroke(step: Move, t: Array) -> Array:
 
 
 class Scene(NamedTuple):
-    """A part of a run: its `duration` [s], the courses of joints and house, (start [s], phase) in order of time, and
-    the digging operation."""
+    """A part of a run.
+
+    duration: [s]
+    joints: courses of the joints
+    slew: course of the house
+    phases: (start [s], phase) in order of time
+    dig: the digging operation; None: an empty bucket
+    """
 
     duration: float
     joints: tuple[JointCourse, ...]
@@ -79,8 +96,15 @@ class Scene(NamedTuple):
 
 
 class Kinematics(NamedTuple):
-    """The motion of a scene at T instants: joint angles `theta` [rad], rates `thetad` [rad/s], accelerations `thetadd`
-    [rad/s^2] (T, N); house angle `turn` [rad] and rate `slew` [rad/s] (T,); `phase` (T,)."""
+    """The motion of a scene at T instants.
+
+    theta: (T, N) joint angles [rad]
+    thetad: (T, N) joint rates [rad/s]
+    thetadd: (T, N) joint accelerations [rad/s^2]
+    turn: (T,) angle of the house [rad]
+    slew: (T,) rate of the house [rad/s]
+    phase: (T,) number of the phase
+    """
 
     theta: Array
     thetad: Array
@@ -91,10 +115,10 @@ class Kinematics(NamedTuple):
 
 
 def follow(scene: Scene, t: Array) -> Kinematics:
-    """The motion of a scene at times t (T,) [s] from its start."""
+    """Return the motion of a scene at times t (T,) [s] from its start."""
     theta, thetad, thetadd = np.stack([course.at(t) for course in scene.joints], axis=-1)
-    turn, slew, _ = scene.slew.at(t)
+    turn, slew = scene.slew.at(t)[:2]
     starts = np.array([start for start, _ in scene.phases])
     names = np.array([float(phase) for _, phase in scene.phases])
     phase = names[np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)]
-    return Kinematics(theta, thetad, thetadd, turn, slew, phase)
+    return Kinematics(theta=theta, thetad=thetad, thetadd=thetadd, turn=turn, slew=slew, phase=phase)

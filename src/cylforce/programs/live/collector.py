@@ -37,9 +37,9 @@ class View(NamedTuple):
     trouble: str | None
 
     @property
-    def say(self) -> str:
+    def instruction(self) -> str:
         """The sentence to show: the trouble, or the advice."""
-        return self.trouble or self.advice.say
+        return self.trouble or self.advice.instruction
 
 
 class Collector(Station[None]):
@@ -124,7 +124,7 @@ class Collector(Station[None]):
         if deaf_s > PATIENCE_S:
             return self._missing_sensors()
         if still_s > STILL_S and not advice.done and advice.refusal is None:
-            return f"nothing has moved for {still_s:.0f} s: {advice.say}"
+            return f"nothing has moved for {still_s:.0f} s: {advice.instruction}"
         return None
 
     def _missing_sensors(self) -> str:

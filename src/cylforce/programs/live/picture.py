@@ -38,7 +38,7 @@ def picture(guide: Guide, view: View) -> RenderableType:
     blocks = [_block(guide.plan, joint, view) for joint in _joints(guide)]
     head = Text(f"{guide.model.machine.name}: {summary(guide, view)}", style="bold")
     colour = "bold red" if view.trouble or view.advice.refusal else "bold"
-    return Group(head, Text(), Columns(blocks, padding=(0, 3)), Text(), Text(f"> {view.say}", style=colour))
+    return Group(head, Text(), Columns(blocks, padding=(0, 3)), Text(), Text(f"> {view.instruction}", style=colour))
 
 
 def summary(guide: Guide, view: View) -> str:

@@ -99,7 +99,7 @@ def next_steps(
         )
     if covered < ENOUGH:
         steps.append(Advised("To be sure in every posture, record also:", gaps[:MOST]))
-    if not found.knows_scale:
+    if not found.scale_measured:
         error = 100.0 * found.tares.reported_scale_error
         steps.append(
             Advised(

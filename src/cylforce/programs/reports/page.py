@@ -45,7 +45,7 @@ def _median(expected: Expected) -> str:
 
 def _scale(found: Identification) -> str:
     tares = found.tares
-    if not found.knows_scale:
+    if not found.scale_measured:
         error, all_alike = (f"± {100.0 * e:.1f} %" for e in (tares.scale_error, tares.common_error))
         return (
             f"It contains the error of the data sheet's scale (bores, pins), {error}: no known weight was lifted. "
