@@ -55,7 +55,7 @@ class Bench:
         self.station = Station(SERVICE, lambda state, event: (state, NOTHING), None, self.bus, self.log, code)
         self.said = []
         self.station.protected = self.said.append
-        self.station.node._access._tell = self.said.append
+        self.station.node._access._report = self.said.append
         self.t_us = 1_000_000
         self.station.node.boot()
 

@@ -57,19 +57,19 @@ def test_an_error_frame_is_an_emergency_once_and_over_after_a_second(seen, frame
     assert seen.codes == [code]
     assert len(seen.told) == 1
     seen.health.on_frame(flags(0x40))
-    seen.health.look(Tally(), CLEAN_US - 1)
+    seen.health.update(Tally(), CLEAN_US - 1)
     assert seen.codes == [code]
-    seen.health.look(Tally(), CLEAN_US)
+    seen.health.update(Tally(), CLEAN_US)
     assert seen.codes == [code, 0]
 
 
 def test_error_passive_lasts_until_the_controller_is_active_again(seen):
     seen.health.on_frame(flags(0x10))
     for t in range(0, 10 * CLEAN_US, CLEAN_US // 2):
-        seen.health.look(Tally(), t)
+        seen.health.update(Tally(), t)
     assert seen.codes == [PASSIVE]
     seen.health.on_frame(flags(0x40, t_us=10 * CLEAN_US))
-    seen.health.look(Tally(), 12 * CLEAN_US)
+    seen.health.update(Tally(), 12 * CLEAN_US)
     assert seen.codes == [PASSIVE, 0]
 
 
@@ -96,18 +96,18 @@ def test_an_ordinary_frame_with_the_same_low_bits_is_none(seen):
     ("tally", "code"), [(Tally(lost=1), OVERRUN), (Tally(dropped=1), OVERRUN), (Tally(reopened=1), REOPENED)]
 )
 def test_what_is_counted_is_an_emergency_when_it_grows(seen, tally, code):
-    seen.health.look(Tally(), 0)
-    seen.health.look(tally, 1)
-    seen.health.look(tally, CLEAN_US)
+    seen.health.update(Tally(), 0)
+    seen.health.update(tally, 1)
+    seen.health.update(tally, CLEAN_US)
     assert seen.codes == [code]
-    seen.health.look(tally, CLEAN_US + 1)
+    seen.health.update(tally, CLEAN_US + 1)
     assert seen.codes == [code, 0]
 
 
 def test_an_emergency_that_the_bus_could_not_take_is_sent_when_it_can(seen):
     """Bus-off, or a full queue: it is about just that."""
     seen.takes = False
-    seen.health.look(Tally(dropped=1), 0)
+    seen.health.update(Tally(dropped=1), 0)
     seen.health.on_frame(flags(0x00, RESTARTED))
     seen.emergencies.flush()
     assert seen.codes == []

@@ -111,16 +111,16 @@ class TestAddress:
 
     def test_a_request_is_answered(self, node, sent):
         for peer in (0xFF, ADDRESS):
-            node.take(Frame(1, EXTENDED | 0x18EA0003 | peer << 8, bytes.fromhex("00ee00")))
-        node.take(Frame(1, EXTENDED | 0x18EA5003, bytes.fromhex("00ee00")))  # another node is asked
+            node.on_frame(Frame(1, EXTENDED | 0x18EA0003 | peer << 8, bytes.fromhex("00ee00")))
+        node.on_frame(Frame(1, EXTENDED | 0x18EA5003, bytes.fromhex("00ee00")))  # another node is asked
         assert len(sent) == 3
 
     def test_the_lower_name_keeps_it(self, node, sent, said):
-        node.take(self.claimed(NAME + 1))
+        node.on_frame(self.claimed(NAME + 1))
         assert (sent[-1][0], said) == (EXTENDED | 0x18EEFF27, [])
-        node.take(self.claimed(NAME - 1, ADDRESS + 1))
+        node.on_frame(self.claimed(NAME - 1, ADDRESS + 1))
         assert len(sent) == 2
-        node.take(self.claimed(NAME - 1))
+        node.on_frame(self.claimed(NAME - 1))
         assert sent[-1][0] == EXTENDED | 0x18EEFFFE  # cannot claim
         assert said == ["J1939 address 39 belongs to another node: choose another j1939_address"]
         node.publish(estimate())

@@ -1,5 +1,4 @@
-"""The health of the bus itself as emergencies: error frames of the controller, frames lost on the way in or out, a bus
-that was opened again."""
+"""Report the health of the bus as emergencies: error frames of the controller, lost frames, a bus that was reopened."""
 
 from collections.abc import Callable
 from enum import IntFlag
@@ -8,9 +7,9 @@ from typing import NamedTuple
 from cylforce.canopen.emergency import Emergencies
 from cylforce.signals.events import ERROR, Frame
 
-COMMUNICATION = 0x10  # bit of 1001h
+COMMUNICATION = 0x10  # bit of 1001h: communication error
 REOPENED, OVERRUN, PASSIVE, RECOVERED, COLLISION = 0x8100, 0x8110, 0x8120, 0x8140, 0x8150  # EMCY codes (CiA 301)
-CLEAN_US = 1_000_000  # without the same fault, after which it counts as repaired; chosen
+CLEAN_US = 1_000_000  # us without the same fault after which it counts as repaired; chosen
 
 WORDS = {
     REOPENED: "the CAN interface was away and is back",
@@ -29,11 +28,17 @@ class ErrorClass(IntFlag):
     RESTARTED = 0x100
 
 
-_OVERFLOW, _PASSIVE, _ACTIVE = 0x03, 0x30, 0x40  # bits of byte 1: queue full either way, error passive, active again
+# Bits of byte 1 of an error frame: a queue is full (either way), error passive (either way), error active again.
+_OVERFLOW, _PASSIVE, _ACTIVE = 0x03, 0x30, 0x40
 
 
 class Tally(NamedTuple):
-    """Totals since the start: frames lost on the way in and out, times that the bus was opened again."""
+    """Totals since the start.
+
+    lost: frames lost on reception
+    dropped: frames lost on transmission
+    reopened: times that the bus was opened again
+    """
 
     lost: int = 0
     dropped: int = 0
@@ -41,16 +46,20 @@ class Tally(NamedTuple):
 
 
 class BusHealth:
-    """Turns what happens to the bus into emergencies. `tell(words)` is called once for each that occurs."""
+    """Converts faults of the bus into emergencies.
 
-    def __init__(self, emergencies: Emergencies, tell: Callable[[str], None]) -> None:
-        self._emergencies, self._tell = emergencies, tell
+    emergencies: emergencies of our node
+    report: called with a sentence, once for each fault that occurs
+    """
+
+    def __init__(self, emergencies: Emergencies, report: Callable[[str], None]) -> None:
+        self._emergencies, self._report = emergencies, report
         self._tally = Tally()
-        self._last_us: dict[int, int] = {}
-        self._passive = False
+        self._last_us: dict[int, int] = {}  # by EMCY code the time at which the fault occurred last
+        self._passive = False  # whether the controller is error passive
 
     def on_frame(self, frame: Frame) -> None:
-        """An error frame; any other is ignored."""
+        """Report the fault in an error frame; ignore any other frame."""
         if not frame.can_id & ERROR:
             return
         kinds = ErrorClass(frame.can_id & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF | ErrorClass.RESTARTED))
@@ -61,6 +70,7 @@ class BusHealth:
             self._controller(frame.data[1], frame.t_us)
 
     def _controller(self, bits: int, t_us: int) -> None:
+        """Report full queues and the state error passive from byte 1 of an error frame."""
         if bits & _OVERFLOW:
             self._occurred(OVERRUN, t_us)
         self._passive = bool(bits & _PASSIVE) or (self._passive and not bits & _ACTIVE)
@@ -68,11 +78,11 @@ class BusHealth:
             self._occurred(PASSIVE, t_us)
 
     def doubled(self, node_id: int, t_us: int) -> None:
-        """Node `node_id`'s identifier is sent by another one, too."""
+        """Report that another node sends with an identifier of node `node_id`."""
         self._occurred(COLLISION, t_us, bytes([node_id]))
 
-    def look(self, tally: Tally, t_us: int) -> None:
-        """The totals now: what grew is an emergency; what has not come for a second is repaired."""
+    def update(self, tally: Tally, t_us: int) -> None:
+        """Report faults by the totals that grew, and repair faults that did not occur for CLEAN_US."""
         if tally.reopened > self._tally.reopened:
             self._occurred(REOPENED, t_us)
         if tally.lost > self._tally.lost or tally.dropped > self._tally.dropped:
@@ -86,6 +96,7 @@ class BusHealth:
                 self._emergencies.repair(code)
 
     def _occurred(self, code: int, t_us: int, info: bytes = b"") -> None:
+        """Note the time of a fault and report it, unless it is present already."""
         self._last_us[code] = t_us
         if self._emergencies.occur(code, COMMUNICATION, info):
-            self._tell(WORDS[code])
+            self._report(WORDS[code])

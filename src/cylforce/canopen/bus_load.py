@@ -1,16 +1,22 @@
-"""How much of a CAN bus a machine's traffic takes: every frame at its longest, PDOs, SYNC and heartbeats."""
+"""Load of a CAN bus by a machine's traffic: every frame at its longest, PDOs, SYNC and heartbeats."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
 
 from cylforce.mechanics.installation import Service
 
-BIT_RATES = (125_000, 250_000, 500_000, 1_000_000)  # bit/s that CiA 301 has
-BUSY = 0.5  # of the bit rate: above it, low priorities wait for several frames
+BIT_RATES = (125_000, 250_000, 500_000, 1_000_000)  # bit/s, of CiA 301
+BUSY = 0.5  # share of the bit rate above which low priorities wait for several frames; chosen
 
 
 class Traffic(NamedTuple):
-    """Frames of one identifier: what they are, how many bytes of data each has, how many come in a second."""
+    """Frames of one identifier.
+
+    what: name for a table
+    can_id: identifier
+    data_bytes: bytes of data in each frame
+    per_second: frames in a second
+    """
 
     what: str
     can_id: int
@@ -19,24 +25,26 @@ class Traffic(NamedTuple):
 
     @property
     def bits_per_second(self) -> float:
-        """At the longest, stuff bits included."""
+        """Return the load [bit/s] with frames at their longest, stuff bits included."""
         return self.per_second * longest_frame(self.data_bytes)
 
 
 def longest_frame(data_bytes: int) -> int:
-    """Bits of a frame with an 11-bit identifier and `data_bytes` bytes of data, with the most stuff bits that can be
-    and the pause of 3 bits behind it: 8 n + g + 13 + floor((g + 8 n - 1)/4), g = 34 (Davis, Burns, Bril, Lukkien:
-    Controller Area Network (CAN) schedulability analysis, Real-Time Systems 35, 2007, equation 1)."""
+    """Return the bits of the longest frame with an 11-bit identifier and a number of data bytes.
+
+    8 n + g + 13 + floor((g + 8 n - 1)/4), g = 34, with the most possible stuff bits and the pause of 3 bits behind the
+    frame (Davis, Burns, Bril, Lukkien: Controller Area Network (CAN) schedulability analysis, Real-Time Systems 35,
+    2007, equation 1).
+    """
     stuffed = 34 + 8 * data_bytes
     return stuffed + 13 + (stuffed - 1) // 4
 
 
-def traffic(service: Service) -> tuple[Traffic, ...]:
-    """All that goes over the bus while the service runs; without SDO transfers, of which there are few after start."""
-    return tuple(_traffic(service))
+def traffic(service: Service) -> Iterator[Traffic]:
+    """Yield the cyclic traffic on the bus while the service runs.
 
-
-def _traffic(service: Service) -> Iterator[Traffic]:
+    SDO transfers are left out: there are few after the start.
+    """
     if service.sync_producer:
         yield Traffic("SYNC", 0x80, 0, service.filters.rate_hz)
     for node in service.nodes:

@@ -25,7 +25,7 @@ from cylforce.canopen.dictionary.object_dictionary import (
 )
 from cylforce.canopen.dictionary.object_table import dictionary
 from cylforce.canopen.heartbeat import OnPeer
-from cylforce.canopen.node import Node, OnWritten, unnoticed
+from cylforce.canopen.node import Node, OnWritten, ignore_write
 from cylforce.canopen.objects import Commands
 from cylforce.mechanics.installation import SensorNode, Service
 from cylforce.service.publication import GROSS, NET, PAYLOAD_QUALITY, QUALITY
@@ -41,19 +41,26 @@ def own_node(
     verdict: Callable[[], int | None],
     on_peer: OnPeer,
     access: Access | None = None,
-    on_written: OnWritten = unnoticed,
+    on_written: OnWritten = ignore_write,
 ) -> Node:
-    """Our node: `publish` sends what the core encoded; commands are answered by `verdict()`, see Commands; the
-    sensors' heartbeats are watched, see Heartbeats; `access` and `on_written`: see Node. Operational after `boot()`.
+    """Return our node. It is operational after `boot()`.
 
-    Raises ValueError if there are more sensors with a heartbeat than entries in 1016h."""
-    watched = [
+    `Node.publish` sends the encoded estimates. The node monitors the heartbeats of the sensors. Raises ValueError if
+    more sensors have a heartbeat than 1016h has entries.
+
+    service: settings of the service
+    verdict: returns the service's decision on the last command, see `Commands`
+    on_peer: called when a sensor boots, changes its state or becomes silent, see `Heartbeats`
+    access: access control; None: everybody may write
+    on_written: called after an SDO client has changed an object, see `Node`
+    """
+    consumers = [
         sensor.node_id << 16 | round(1e3 * CONSUMER_FACTOR * sensor.heartbeat_s)
         for sensor in service.nodes
         if sensor.heartbeat_s > 0.0
     ]
     sync_us = round(1e6 / service.filters.rate_hz) if service.sync_producer else 0
-    objects = own_objects(service.publication, round(1e3 * service.heartbeat_s), sync_us, watched)
+    objects = own_objects(service.publication, round(1e3 * service.heartbeat_s), sync_us, consumers)
     commands = Commands(
         frozenset({(ZERO, 1), (TARE, 1), *((LOADING, sub) for sub in (*range(1, TRUCK), TOOL, ADD, PART, TRAILER))}),
         verdict,
@@ -73,13 +80,21 @@ def own_node(
 
 
 def sensor_node(sensor: SensorNode) -> Node:
-    """A simulated sensor: `store` sets what it measures, SYNC or its event timer sends it once it is commissioned."""
+    """Return a simulated sensor.
+
+    `Node.store` sets the measured values. Once it is configured, SYNC or its event timer sends them.
+    """
     return Node(sensor.node_id, dictionary(sensor_objects(sensor), sensor.node_id), sensor.pdos, timers=True)
 
 
 class Derived:
-    """Objects of our node whose values follow from what was published last: CiA 404's status, tare, and each process
-    value in the other integer type."""
+    """Objects of our node whose values follow from the last published ones.
+
+    They are CiA 404's status and tare, and each process value in the other integer type.
+
+    node: our node
+    pdos: TPDOs that it sends
+    """
 
     def __init__(self, node: Node, pdos: Sequence[Pdo]) -> None:
         self._store = node.data_store
@@ -91,28 +106,31 @@ class Derived:
             self._reads[STATUS, number] = partial(self._status, field)
 
     def read(self, index: int, subindex: int, od: ODVariable) -> int | None:
-        """The value, None if the object is not derived."""
-        found = self._reads.get((index, subindex))
-        return None if found is None else found()
+        """Return the value of a derived object; None for any other object."""
+        read = self._reads.get((index, subindex))
+        return None if read is None else read()
 
     def _raw(self, field: Field) -> int:
+        """Return the published integer of a field."""
         data = self._store[field.index][field.sub]
         return int.from_bytes(data, "little", signed=field.code.islower())
 
     def _converted(self, field: Field, code: str) -> int:
+        """Return the integer of a field in another type, limited to its range; "no value" stays "no value"."""
         raw, largest = self._raw(field), (1 << 8 * CODES[code] - 1) - 1
         if raw == not_available(field.code):
             return int(not_available(code))
         return max(-largest, min(largest, raw))
 
     def _tare(self) -> int:
+        """Return gross less net, or "no value"."""
         gross, net = self._fields[GROSS], self._fields[NET]
         if self._raw(gross) == not_available(gross.code) or self._raw(net) == not_available(net.code):
             return int(not_available("i"))
         return self._raw(gross) - self._raw(net)
 
     def _status(self, field: Field) -> int:
-        """Bit 0: not valid, 1: positive, 2: negative overload."""
+        """Return CiA 404's status byte: bit 0 not valid, bit 1 positive, bit 2 negative overload."""
         quality = self._raw(self._fields[QUALITY.get(str(field.signal), PAYLOAD_QUALITY)])
         raw = self._raw(field)
         if quality & 3 == Status.INVALID or raw == not_available(field.code):

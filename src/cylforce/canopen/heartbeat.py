@@ -1,33 +1,43 @@
-"""The heartbeats of other nodes (1016h): which have booted, changed state, or stopped sending."""
+"""Monitor the heartbeats of other nodes (1016h): which have booted, changed their state, or stopped sending."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-BOOTED = 0
-STOPPED, OPERATIONAL, PRE_OPERATIONAL = 4, 5, 127
+BOOTED = 0  # state byte of a boot-up message
+STOPPED, OPERATIONAL, PRE_OPERATIONAL = 4, 5, 127  # NMT states in a heartbeat
 
-OnPeer = Callable[[int, int | None], None]
+OnPeer = Callable[[int, int | None], None]  # (node number, NMT state; None: silent)
 
 
 @dataclass(slots=True)
 class _Peer:
+    """A monitored node.
+
+    timeout_us: consumer time [us]
+    state: state byte of its last heartbeat; None: silent
+    last_us: time of its last heartbeat [us]
+    """
+
     timeout_us: int
     state: int | None = None
     last_us: int = 0
 
 
 class Heartbeats:
-    """Watches other nodes. `on_peer(node_id, state)` is called at each boot-up (0), at each change of state (4, 5,
-    127), and when no heartbeat has come for longer than the consumer time (None). A node is watched from its first
-    message on, as CiA 301 has it."""
+    """Monitors other nodes, each from its first message on (CiA 301).
+
+    on_peer: called at each boot-up (0), at each change of state (4, 5, 127), and when no heartbeat has come for longer
+        than the consumer time (None)
+    silent: numbers of the nodes that were present and stopped sending
+    """
 
     def __init__(self, on_peer: OnPeer) -> None:
         self._on_peer = on_peer
         self._peers: dict[int, _Peer] = {}
-        self.silent: set[int] = set()  # nodes that were there and stopped sending
+        self.silent: set[int] = set()
 
     def watch(self, entries: Iterable[tuple[int, int]]) -> None:
-        """Watch exactly these nodes: (node id, consumer time [us])."""
+        """Monitor exactly these nodes: (node number, consumer time [us])."""
         wanted = {node_id: timeout_us for node_id, timeout_us in entries if node_id and timeout_us}
         self._peers = {node_id: self._peers.get(node_id) or _Peer(us) for node_id, us in wanted.items()}
         for node_id, peer in self._peers.items():
@@ -35,12 +45,12 @@ class Heartbeats:
         self.silent &= wanted.keys()
 
     def state(self, node_id: int) -> int | None:
-        """The last state of a node; None: silent or not watched."""
+        """Return the last NMT state of a node; None: silent or not monitored."""
         peer = self._peers.get(node_id)
         return None if peer is None else peer.state
 
     def on_heartbeat(self, can_id: int, data: bytes | bytearray, t_us: int) -> None:
-        """A frame with identifier 700h + node id; a malformed one is ignored."""
+        """Note a heartbeat, a frame with identifier 700h + node number; ignore a malformed one."""
         peer = self._peers.get(can_id - 0x700)
         if peer is None or len(data) != 1:
             return
@@ -51,7 +61,7 @@ class Heartbeats:
             self._on_peer(can_id - 0x700, state)
 
     def poll(self, t_us: int) -> None:
-        """Report the nodes whose heartbeat is overdue at `t_us`."""
+        """Report the nodes whose heartbeat is overdue at `t_us` [us]."""
         for node_id, peer in self._peers.items():
             if peer.state is not None and t_us - peer.last_us > peer.timeout_us:
                 peer.state = None

@@ -1,8 +1,8 @@
-"""A CANopen device on our own loop: NMT states, PDOs, SYNC, heartbeats, emergencies around canopen's
+"""A CANopen device on our own event loop: NMT states, PDOs, SYNC, heartbeats and emergencies around canopen's
 LocalNode.
 
-The daemon's node and the simulated sensors are both such nodes. Time is an argument of `Network.poll` and of
-the frames.
+The daemon's node and the simulated sensors are both such nodes. Time is an argument of `Network.poll` and of the
+frames.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,15 +22,15 @@ from cylforce.canopen.sdo_server import NOT_STORED, SdoServer
 from cylforce.canopen.tpdo import Tpdo
 from cylforce.signals.layout import CODES, Pdo
 
-OnWritten = Callable[[int, int, bytes, bytes], None]
+OnWritten = Callable[[int, int, bytes, bytes], None]  # (index, sub-index, value before, value after)
 
 SILENT = 0x8130  # EMCY: heartbeat of another node lost
-COMMUNICATION = 0x10  # bit of 1001h
+COMMUNICATION = 0x10  # bit of 1001h: communication error
 
-_STATES = {1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}
+_STATES = {1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}  # state after an NMT command
 _NAMES = {OPERATIONAL: "OPERATIONAL", STOPPED: "STOPPED", PRE_OPERATIONAL: "PRE-OPERATIONAL"}
 _RESET_NODE, _RESET_COMMUNICATION = 129, 130
-_SYNC = 0x80
+_SYNC = 0x80  # identifier of SYNC
 
 
 class _Nmt(NmtSlave):
@@ -54,24 +54,33 @@ class _Nmt(NmtSlave):
 
 
 def _nobody(node_id: int, state: int | None) -> None:
-    """Heartbeats of other nodes are ignored."""
+    """Ignore heartbeats of other nodes."""
 
 
-def unnoticed(index: int, sub: int, before: bytes, after: bytes) -> None:
-    """Nobody asked for what SDO clients change."""
+def ignore_write(index: int, sub: int, before: bytes, after: bytes) -> None:
+    """Ignore what SDO clients change."""
 
 
 def _no_network(can_id: int, data: bytes) -> bool:  # noqa: ARG001  # as every way to send
-    """Used until the node is in a network: nothing is sent."""
+    """Send nothing, until the node is in a network."""
     return False
 
 
 class Node(Objects):
-    """A CANopen node. `pdos`: what each of its TPDOs carries, for `publish` and `store`. `timers`: it sends
-    its event-driven TPDOs by itself; without, `publish` sends them. `autostart`: operational right after
-    boot-up. `on_peer`: see Heartbeats. `access`: who may write (None: everybody); `on_written(index, sub, before,
-    after)` is called after an SDO client changed an object. `send(can_id, data)` sends a frame; False: dropped. `state`
-    is the NMT state, 0 before boot-up."""
+    """A CANopen node.
+
+    state: NMT state, 0 before boot-up
+    send: sends a frame (identifier, data); returns False when it was dropped
+    node_id: CANopen node number
+    dictionary: description of every object
+    pdos: layout of each of its TPDOs, for `publish` and `store`
+    commands: objects that are commands
+    timers: whether it sends its event-driven TPDOs by itself; otherwise `publish` sends them
+    autostart: whether it is operational right after boot-up
+    on_peer: called when another node boots, changes its state or becomes silent, see `Heartbeats`
+    access: access control; None: everybody may write
+    on_written: called with index, sub-index, value before and after, when an SDO client has changed an object
+    """
 
     def __init__(
         self,
@@ -84,7 +93,7 @@ class Node(Objects):
         autostart: bool = False,
         on_peer: OnPeer = _nobody,
         access: Access | None = None,
-        on_written: OnWritten = unnoticed,
+        on_written: OnWritten = ignore_write,
     ) -> None:
         self.state = 0
         self._access, self._on_written = access, on_written
@@ -107,21 +116,21 @@ class Node(Objects):
 
     @property
     def operational(self) -> bool:
-        """May send PDOs."""
+        """Return whether it may send PDOs."""
         return self.state == OPERATIONAL
 
     @property
     def answers(self) -> bool:
-        """Has booted and is not stopped: SDO, SYNC and EMCY work."""
+        """Return whether SDO, SYNC and EMCY work: it has booted and is not stopped."""
         return self.state in (OPERATIONAL, PRE_OPERATIONAL)
 
     @property
     def t_us(self) -> int:
-        """The network's time; 0 without one."""
+        """Return the network's time [us]; 0 without a network."""
         return 0 if self._ours is None else self._ours.t_us
 
     def associate_network(self, network: canopen.network.Network) -> None:
-        """See canopen; `network` must be ours."""
+        """Join a network, as canopen's nodes do; it must be a cylforce.canopen.network.Network."""
         if not isinstance(network, Network):
             raise TypeError("a Node needs a cylforce.canopen.network.Network, which feeds it frames and time")
         super().associate_network(network)
@@ -139,7 +148,10 @@ class Node(Objects):
             self.change_state(OPERATIONAL)
 
     def reset(self, application: bool = True) -> None:
-        """Reset node, or communication only: default values again, then boot. The lock closes."""
+        """Set default values again, then boot; the lock closes.
+
+        application: reset the node; otherwise its communication parameters only
+        """
         if self._access is not None:
             self._access.close()
         self.nmt.stop_heartbeat()
@@ -154,7 +166,7 @@ class Node(Objects):
         self.nmt.state = _NAMES[state]
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
-        """See canopen; changed communication parameters take effect at once."""
+        """Set an object as canopen's nodes do; changed communication parameters take effect at once."""
         super().set_data(index, subindex, data, check_writable)
         if 0x1800 <= index < 0x1C00:
             self._tpdos[(index & 0x1FF) + 1].reload()
@@ -162,8 +174,11 @@ class Node(Objects):
             self._watch()
 
     def write(self, index: int, sub: int, data: bytes) -> None:
-        """See Objects. What is protected must pass `Access.check`, PDO parameters `Tpdo.check`; 0 written to 1003h
-        clears the list of errors, which takes no other value."""
+        """Store what an SDO client has written, if it is allowed. Raises SdoAbortedError.
+
+        Protected objects must pass `Access.check`, PDO parameters `Tpdo.check`. 0 written to 1003h clears the list of
+        errors, which takes no other value.
+        """
         if self._access is not None:
             if (index, sub) == (PROTECTION, CODE):
                 self._access.enter(int.from_bytes(data, "little"), self.t_us)
@@ -184,12 +199,16 @@ class Node(Objects):
             raise SdoAbortedError(RANGE)
 
     def check_segmented(self, index: int, sub: int) -> None:
-        """See Objects. A code is written in one frame, which the log knows and blanks."""
+        """Raise SdoAbortedError for a segmented download that must not begin.
+
+        The code of the lock must come in one frame: the event log replaces that one by zeros.
+        """
         super().check_segmented(index, sub)
         if (index, sub) == (PROTECTION, CODE):
             raise SdoAbortedError(NOT_STORED)
 
     def _check_unique(self, index: int, value: int) -> None:
+        """Raise SdoAbortedError if another TPDO of this node has the same identifier."""
         others = (0x17FF + number for number in self._tpdos if 0x17FF + number != index)
         if any(self.raw(other, 1) & 0x7FF == value & 0x7FF for other in others):
             raise SdoAbortedError(INCOMPATIBLE)
@@ -198,23 +217,24 @@ class Node(Objects):
         return None if self._access is None else self._access.read(index, subindex, self.t_us)
 
     def store(self, number: int, data: bytes) -> None:
-        """Write a TPDO's data into the objects that its layout names."""
+        """Write the data of TPDO `number` into the objects of its layout."""
         for (index, sub), part in self._slices[number]:
             self.data_store[index][sub] = data[part]
 
     def publish(self, number: int, data: bytes) -> bool:
-        """New data of TPDO `number`: kept in the object dictionary, sent if event-driven, operational and
-        enabled."""
+        """Store new data of TPDO `number`, and send them if it is event-driven, operational and enabled; return whether
+        sent.
+        """
         self.store(number, data)
         tpdo = self._tpdos[number]
         return tpdo.event_driven and tpdo.send()
 
     def transmit(self, number: int) -> bool:
-        """Send TPDO `number` now, whatever its trigger, if operational and enabled."""
+        """Send TPDO `number` now, whatever its trigger, if operational and enabled; return whether it was sent."""
         return self._tpdos[number].send()
 
     def produce_sync(self) -> None:
-        """Send SYNC, if 1005h says that this node does, and act on it."""
+        """Send SYNC, if this node is its producer (1005h), and act on it."""
         if self.answers and self.raw(0x1005, 0) & 1 << 30:
             self.send(_SYNC, b"")
             self._on_sync(_SYNC, b"", 0.0)
@@ -232,10 +252,11 @@ class Node(Objects):
                 tpdo.poll(t_us)
 
     def _send_emergency(self, data: bytes) -> bool:
-        """True: sent, or not to be sent in this state."""
+        """Send an emergency message; return False if it must be repeated: in a state without EMCY it must not."""
         return not self.answers or self.send(0x80 + self.node_id, data)
 
     def _watch(self) -> None:
+        """Monitor the heartbeats that 1016h lists: node number in bits 16 to 22, time in ms in bits 0 to 15."""
         if 0x1016 not in self.data_store or self._ours is None:
             return
         entries = [self.raw(0x1016, sub) for sub in self.data_store[0x1016] if sub]
@@ -248,6 +269,7 @@ class Node(Objects):
         self.heartbeats.on_heartbeat(can_id, data, self.t_us)
 
     def _peer(self, node_id: int, state: int | None) -> None:
+        """Report a silent node as an emergency, and its return as repaired."""
         if state is None:
             self.emergencies.occur(SILENT, COMMUNICATION, bytes([node_id]))
         elif not self.heartbeats.silent:
@@ -256,6 +278,7 @@ class Node(Objects):
 
 
 def _slices(pdo: Pdo) -> Iterable[tuple[tuple[int, int], slice]]:
+    """Yield address (index, sub-index) and bytes of each field of a PDO."""
     at = 0
     for field in pdo.fields:
         yield (field.index, field.sub), slice(at, at + CODES[field.code])

@@ -11,13 +11,13 @@ from canopen.sdo.exceptions import SdoAbortedError
 from cylforce.canopen.network import Network
 from cylforce.signals.layout import CODES
 
-TIMEOUT_S = 0.5
-LARGEST = 65536  # bytes of an upload; no object that is read here is longer
+TIMEOUT_S = 0.5  # s without an answer; chosen
+LARGEST = 65536  # bytes of an upload; no object that is read here is longer; chosen
 
-_WAITING = 16  # answers not yet processed
-_PARTS = 10  # of the time limit, counted one by one; chosen
-_HEAD = Struct("<BHB")
-_TOGGLE, _TIMED_OUT, _MEMORY, _COMMAND = 0x05030000, 0x05040000, 0x05040005, 0x05040001
+_WAITING = 16  # answers not yet processed, at most; chosen
+_PARTS = 10  # parts of the time limit, counted one by one, see `Client`; chosen
+_HEAD = Struct("<BHB")  # command, index, sub-index
+_TOGGLE, _TIMED_OUT, _MEMORY = 0x05030000, 0x05040000, 0x05040005  # abort codes of CiA 301
 _Result = TypeVar("_Result")
 
 
@@ -30,7 +30,10 @@ class NoAnswerError(SdoError):
 
 
 class AbortedError(SdoError):
-    """The server, or we, aborted with CiA 301's `code`."""
+    """The server or this client aborted the transfer.
+
+    code: abort code of CiA 301
+    """
 
     def __init__(self, where: str, code: int) -> None:
         super().__init__(f"{where}: {SdoAbortedError.CODES.get(code, 'aborted')} (SDO abort {code:08X}h)")
@@ -40,9 +43,14 @@ class AbortedError(SdoError):
 class Client:
     """Client of the default SDO of one node. Close it when it is no longer needed.
 
-    All transfers raise AbortedError or NoAnswerError after `timeout_s` without an answer; they may be called
-    by several tasks at once and then take turns. While this program itself cannot run, the time limit does not run
-    either: an answer that waits in the socket meanwhile is found."""
+    All transfers raise AbortedError, or NoAnswerError after the time limit without an answer. Several tasks may call
+    them at once and then take turns. The time limit is counted in parts, so that it does not run while this program
+    itself cannot run: an answer that waits in the socket meanwhile is still processed.
+
+    network: network on which the node is
+    node_id: number of the node
+    timeout_s: time limit of an answer [s]
+    """
 
     def __init__(self, network: Network, node_id: int, timeout_s: float = TIMEOUT_S) -> None:
         self._network, self._node_id, self._timeout_s = network, node_id, timeout_s
@@ -51,7 +59,7 @@ class Client:
         network.subscribe(0x580 + node_id, self._on_answer)
 
     def close(self) -> None:
-        """Stop listening for answers."""
+        """Receive no more answers."""
         self._network.unsubscribe(0x580 + self._node_id, self._on_answer)
 
     async def upload(self, index: int, sub: int) -> bytes:
@@ -87,12 +95,12 @@ class Client:
                 raise NoAnswerError(f"{self._where(index, sub)}: no answer") from None
 
     async def _upload(self, index: int, sub: int) -> bytes:
-        answer = await self._ask(_HEAD.pack(0x40, index, sub) + bytes(4), 0x40)
+        answer = await self._request(_HEAD.pack(0x40, index, sub) + bytes(4), 0x40)
         if answer[0] & 2:
             return answer[4 : 8 - (answer[0] >> 2 & 3) if answer[0] & 1 else 8]
         data, toggle = b"", 0
         while len(data) <= LARGEST:
-            answer = await self._ask(bytes([0x60 | toggle]) + bytes(7), 0x00)
+            answer = await self._request(bytes([0x60 | toggle]) + bytes(7), 0x00)
             self._check_toggle(answer, toggle, index, sub)
             data += answer[1 : 8 - (answer[0] >> 1 & 7)]
             if answer[0] & 1:
@@ -104,14 +112,14 @@ class Client:
     async def _download(self, index: int, sub: int, data: bytes) -> None:
         if 0 < len(data) <= 4:
             command = 0x23 | (4 - len(data)) << 2
-            await self._ask(_HEAD.pack(command, index, sub) + data.ljust(4, b"\0"), 0x60)
+            await self._request(_HEAD.pack(command, index, sub) + data.ljust(4, b"\0"), 0x60)
             return
-        await self._ask(_HEAD.pack(0x21, index, sub) + pack("<I", len(data)), 0x60)
+        await self._request(_HEAD.pack(0x21, index, sub) + pack("<I", len(data)), 0x60)
         toggle = 0
         for at in range(0, max(len(data), 1), 7):
             part, last = data[at : at + 7], at + 7 >= len(data)
             request = bytes([toggle | (7 - len(part)) << 1 | last]) + part.ljust(7, b"\0")
-            self._check_toggle(await self._ask(request, 0x20), toggle, index, sub)
+            self._check_toggle(await self._request(request, 0x20), toggle, index, sub)
             toggle ^= 0x10
 
     def _check_toggle(self, answer: bytes, toggle: int, index: int, sub: int) -> None:
@@ -119,8 +127,11 @@ class Client:
             self._abort(index, sub, _TOGGLE)
             raise SdoAbortedError(_TOGGLE)
 
-    async def _ask(self, request: bytes, expected: int) -> bytes:
-        """The answer to a request; `expected`: its command specifier. Answers to other requests are ignored."""
+    async def _request(self, request: bytes, expected: int) -> bytes:
+        """Return the answer to a request; answers to other requests are ignored. Raises TimeoutError.
+
+        expected: command specifier of the answer
+        """
         while not self._answers.empty():
             self._answers.get_nowait()
         self._network.send(0x600 + self._node_id, request)
@@ -131,6 +142,7 @@ class Client:
         raise TimeoutError
 
     async def _answer(self, request: bytes, expected: int) -> bytes:
+        """Wait for the answer to a request. Raises SdoAbortedError for an abort."""
         while True:
             answer = await self._answers.get()
             if request[0] & 0xE0 in (0x20, 0x40) and answer[1:4] != request[1:4]:

@@ -1,5 +1,6 @@
 """canopen's SDO server for clients that may be faulty: every request is answered, and a transfer's memory is
-limited."""
+limited.
+"""
 
 from struct import Struct
 from typing import Protocol
@@ -7,16 +8,17 @@ from typing import Protocol
 from canopen.sdo import server
 from canopen.sdo.exceptions import SdoAbortedError
 
-TOGGLE = 0x05030000
-TIMEOUT = 0x05040000
-COMMAND = 0x05040001
-MEMORY = 0x05040005
-LENGTH = 0x06070010
-NOT_STORED = 0x08000020
+# Abort codes of CiA 301.
+TOGGLE = 0x05030000  # toggle bit not alternated
+TIMEOUT = 0x05040000  # protocol timed out
+COMMAND = 0x05040001  # command specifier not valid or unknown
+MEMORY = 0x05040005  # out of memory
+LENGTH = 0x06070010  # length of the service parameter does not match
+NOT_STORED = 0x08000020  # data cannot be transferred or stored
 
-_LARGEST = 1024  # bytes of one transfer
-_PATIENCE_US = 1_000_000  # between two segments
-_HEAD = Struct("<BHB")
+_LARGEST = 1024  # bytes of one transfer: no object of ours is longer; chosen
+_PATIENCE_US = 1_000_000  # us, longest time between two segments; chosen
+_HEAD = Struct("<BHB")  # command, index, sub-index
 
 
 class SdoOwner(Protocol):
@@ -24,17 +26,17 @@ class SdoOwner(Protocol):
 
     @property
     def node_id(self) -> int:
-        """1 to 127."""
+        """Return the node number, 1 to 127."""
         ...
 
     @property
     def answers(self) -> bool:
-        """Whether SDO works in its present NMT state."""
+        """Return whether SDO works in the node's present NMT state."""
         ...
 
     @property
     def t_us(self) -> int:
-        """The time [us]."""
+        """Return the present time [us]."""
         ...
 
     def download(self, index: int, sub: int, data: bytes, length: int | None) -> None:
@@ -42,27 +44,30 @@ class SdoOwner(Protocol):
         ...
 
     def check_segmented(self, index: int, sub: int) -> None:
-        """Raise SdoAbortedError where nothing can be written."""
+        """Raise SdoAbortedError where a segmented download is not allowed."""
         ...
 
 
 class SdoServer(server.SdoServer):
-    """Expedited and segmented transfers; block transfers are refused, as CiA 301 lets a server."""
+    """SDO server with expedited and segmented transfers; block transfers are refused, as CiA 301 allows a server.
+
+    node: the node whose objects are read and written
+    """
 
     def __init__(self, node: SdoOwner) -> None:
         super().__init__(0x600 + node.node_id, 0x580 + node.node_id, node)
         self._owner = node
         self._index = self._subindex = self._toggle = 0
-        self._at = (0, 0)
-        self._buffer: bytearray | None = None
-        self._size: int | None = None
-        self._download = False
-        self._last_us = 0
+        self._at = (0, 0)  # index and sub-index of the transfer
+        self._buffer: bytearray | None = None  # bytes of a segmented transfer; None: none is in progress
+        self._size: int | None = None  # announced length of a download; None: not announced
+        self._download = False  # direction of the segmented transfer
+        self._last_us = 0  # time of its last request
 
     def on_request(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Answer one request; while the node is stopped there is no SDO."""
+        """Answer one request; a stopped node does not answer."""
         if not self._owner.answers or (data and data[0] & 0xE0 == 0x80):
-            self._buffer = None  # stopped, or the client has given up
+            self._buffer = None  # stopped, or the client has aborted
             return
         try:
             self._answer(data)
@@ -71,12 +76,13 @@ class SdoServer(server.SdoServer):
             self.abort(error.code)
 
     def _answer(self, data: bytearray) -> None:
+        """Answer a request by its command specifier. Raises SdoAbortedError."""
         if len(data) != 8:
             raise SdoAbortedError(COMMAND)
         if data[0] & 0xE0 in (0x20, 0x40):
             self._buffer = None
-            _, *at = _HEAD.unpack_from(data)
-            self._at = self._index, self._subindex = (at[0], at[1])
+            index, sub = _HEAD.unpack_from(data)[1:]
+            self._at = self._index, self._subindex = (index, sub)
             begin = self.init_upload if data[0] & 0xE0 == 0x40 else self.init_download
             begin(data)
             self._last_us = self._owner.t_us
@@ -86,12 +92,12 @@ class SdoServer(server.SdoServer):
             raise SdoAbortedError(COMMAND)
 
     def init_upload(self, request: bytearray) -> None:
-        """See canopen; remembers which way the data go."""
+        """Begin an upload as canopen's server does, and note its direction."""
         self._download = False
         super().init_upload(request)
 
     def init_download(self, request: bytearray) -> None:
-        """Initiate a download; what cannot be written is refused before its data come."""
+        """Begin a download; refuse an object that cannot be written before its data arrive."""
         command = request[0]
         size = int.from_bytes(request[4:8], "little") if command & 1 else None
         if command & 2:
@@ -105,6 +111,7 @@ class SdoServer(server.SdoServer):
         self.send_response(_HEAD.pack(0x60, *self._at) + bytes(4))
 
     def _segment(self, data: bytearray) -> None:
+        """Continue a segmented transfer. Raises SdoAbortedError for a segment that does not belong to it."""
         download = data[0] & 0xE0 == 0x00
         if self._buffer is None or download != self._download:
             raise SdoAbortedError(COMMAND)
@@ -114,14 +121,16 @@ class SdoServer(server.SdoServer):
             raise SdoAbortedError(TOGGLE)
         self._last_us = self._owner.t_us
         if download:
-            self._take(self._buffer, data)
+            self._append(self._buffer, data)
         else:
             self.segmented_upload(data[0])
             self._buffer = self._buffer or None
 
-    def _take(self, buffer: bytearray, request: bytearray) -> None:
-        """Append one segment of a download; after the last one write the whole to the object. Raises SdoAbortedError
-        when it has another length than announced, or more than _LARGEST bytes."""
+    def _append(self, buffer: bytearray, request: bytearray) -> None:
+        """Append one segment of a download; after the last one write the whole to the object.
+
+        Raises SdoAbortedError when it has another length than announced, or more than _LARGEST bytes.
+        """
         buffer += request[1 : 8 - (request[0] >> 1 & 7)]
         if len(buffer) > (_LARGEST if self._size is None else self._size):
             raise SdoAbortedError(MEMORY if self._size is None else LENGTH)

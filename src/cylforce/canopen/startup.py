@@ -1,8 +1,7 @@
-"""Makes the sensors send what the machine file says: identity, PDO mapping, heartbeat and start, over SDO,
-per node.
+"""Configure the sensors over SDO as the machine file describes them: identity, PDO mapping, heartbeat and start.
 
-Each node has a task of its own, so that a silent or refusing node does not delay the others; a node that boots again is
-commissioned again.
+Each node has a task of its own, so that a silent or refusing node does not delay the others. A node that boots again is
+configured again.
 """
 
 import asyncio
@@ -16,29 +15,33 @@ from cylforce.canopen.sdo_client import TIMEOUT_S, AbortedError, Client, NoAnswe
 from cylforce.mechanics.installation import SensorNode
 from cylforce.signals.layout import CODES, Pdo
 
-FIRST_DELAY_S, LAST_DELAY_S = 0.25, 5.0  # between attempts
-STARTS = 3  # NMT start commands to a node that stays pre-operational
+FIRST_DELAY_S, LAST_DELAY_S = 0.25, 5.0  # s between attempts, doubled from the first to the last; chosen
+STARTS = 3  # NMT start commands to a node that stays pre-operational; chosen
 
-_START, _ENTER_PRE_OPERATIONAL = 1, 128
-_IDENTITY = ("vendor", "product", "revision", "serial number")
-_NO_SUB = 0x06090011
-_DISABLED = 1 << 31
-_NO_REMOTE = 1 << 30  # of a COB-ID
-_EVENT_DRIVEN = (254, 255)
+_START, _ENTER_PRE_OPERATIONAL = 1, 128  # NMT commands
+_IDENTITY = ("vendor", "product", "revision", "serial number")  # sub-indices 1 to 4 of 1018h
+_NO_SUB = 0x06090011  # abort code: sub-index does not exist
+_DISABLED, _NO_REMOTE = 1 << 31, 1 << 30  # bits of a COB-ID: PDO does not exist, no remote frames
+_EVENT_DRIVEN = (254, 255)  # transmission types
 _CYCLIC_TIMER = (0x6200, 0)  # CiA 406: older encoders have this instead of the event timer
 
 
 class Stage(StrEnum):
-    """State of a node's commissioning."""
+    """State of a node's configuration."""
 
     OPERATIONAL = "operational"
     SILENT = "silent"
     REFUSED = "refused"  # another device than the one described; it sends nothing until it boots again
-    FAILED = "failed"  # will be tried again
+    FAILED = "failed"  # will be repeated
 
 
 class Outcome(NamedTuple):
-    """Result of a node's commissioning; `reason` is a sentence unless the node is operational."""
+    """Result of a node's configuration.
+
+    node: the sensor node
+    stage: state of its configuration
+    reason: a sentence; "" for an operational node
+    """
 
     node: SensorNode
     stage: Stage
@@ -49,39 +52,49 @@ class ForeignNodeError(Exception):
     """Another device than the one described; the text is a sentence."""
 
 
-Tell = Callable[[Outcome], None]
+Report = Callable[[Outcome], None]
 StateOf = Callable[[int], int | None]
 
 
 class Commissioner:
-    """Commissions nodes as tasks on the running loop. `state_of(node_id)`: the NMT state of its last heartbeat
-    (Heartbeats.state); `tell` is called when a node's outcome changes."""
+    """Configures nodes as tasks on the running event loop.
 
-    def __init__(self, nodes: Iterable[SensorNode], network: Network, state_of: StateOf, tell: Tell) -> None:
+    nodes: the nodes of the machine file
+    network: network through which they are configured
+    state_of: function of the node number that returns the NMT state of its last heartbeat (`Heartbeats.state`)
+    report: called when a node's outcome changes
+    """
+
+    def __init__(self, nodes: Iterable[SensorNode], network: Network, state_of: StateOf, report: Report) -> None:
         self._nodes = {node.node_id: node for node in nodes}
-        self._network, self._state_of, self._tell = network, state_of, tell
+        self._network, self._state_of, self._report = network, state_of, report
         self._tasks: dict[int, asyncio.Task[None]] = {}
         self._outcomes: dict[int, Outcome] = {}
         self._lost: set[int] = set()
 
     def start(self) -> None:
-        """Begin with all nodes."""
+        """Begin to configure all nodes."""
         for node_id in self._nodes:
             self.begin(node_id)
 
     def begin(self, node_id: int) -> None:
-        """Commission a node (again) that has booted. A node that is not in the machine file is ignored."""
+        """Configure a node that has booted, again if need be. A node that is not in the machine file is ignored."""
         node = self._nodes.get(node_id)
         if node is None:
             return
-        before = self._tasks.pop(node_id, None)
-        if before is not None:
-            before.cancel()
+        running = self._tasks.pop(node_id, None)
+        if running is not None:
+            running.cancel()
         self._tasks[node_id] = asyncio.get_running_loop().create_task(self._until_done(node))
 
     def on_peer(self, node_id: int, state: int | None) -> None:
-        """Called by Heartbeats. A node that has booted is commissioned again, and so is one whose boot-up message may
-        have been missed: it was silent, or fell back to pre-operational (unless it has been refused)."""
+        """Configure a node again that has booted, or whose boot-up message may have been missed.
+
+        The message may have been missed if the node was silent, or fell back to pre-operational without having been
+        refused. `Heartbeats` calls this.
+
+        state: NMT state of the node; None: it stopped sending
+        """
         outcome, task = self._outcomes.get(node_id), self._tasks.get(node_id)
         if state is None:
             self._lost.add(node_id)
@@ -101,24 +114,26 @@ class Commissioner:
         self._tasks.clear()
 
     async def _until_done(self, node: SensorNode) -> None:
+        """Repeat the configuration, with growing delays, until the node is operational or refused."""
         delay_s = FIRST_DELAY_S
         while True:
             outcome = await self._attempt(node)
             if outcome != self._outcomes.get(node.node_id):
                 self._outcomes[node.node_id] = outcome
-                self._tell(outcome)
+                self._report(outcome)
             if outcome.stage in (Stage.OPERATIONAL, Stage.REFUSED):
                 return
             await asyncio.sleep(delay_s)
             delay_s = min(2.0 * delay_s, LAST_DELAY_S)
 
     async def _attempt(self, node: SensorNode) -> Outcome:
+        """Configure and start a node once."""
         client = Client(self._network, node.node_id, TIMEOUT_S)
         try:
             await commission(node, client)
             return await self._started(node)
         except ForeignNodeError as error:
-            self._command(_ENTER_PRE_OPERATIONAL, node)  # else the values that it sends would be used
+            self._command(_ENTER_PRE_OPERATIONAL, node)  # otherwise the values that it sends would be used
             return Outcome(node, Stage.REFUSED, str(error))
         except NoAnswerError as error:
             if self._state_of(node.node_id) == STOPPED:
@@ -130,10 +145,13 @@ class Commissioner:
             client.close()
 
     def _command(self, command: int, node: SensorNode) -> None:
+        """Send an NMT command to a node."""
         self._network.send(0, bytes([command, node.node_id]))
 
     async def _started(self, node: SensorNode) -> Outcome:
-        """Send NMT start until its heartbeat shows operational; a node without heartbeat is assumed to have started."""
+        """Send NMT start until the node's heartbeat shows operational; a node without heartbeat is assumed to have
+        started.
+        """
         for _ in range(STARTS):
             self._command(_START, node)
             if node.heartbeat_s <= 0.0:
@@ -151,38 +169,41 @@ class Commissioner:
 
 
 async def commission(node: SensorNode, client: Client) -> None:
-    """Check the identity, write what differs: heartbeat, TPDO parameters, mappings. Does not start the node.
+    """Check the identity of a node and write the parameters that differ: heartbeat, TPDO parameters, mappings.
 
-    Raises ForeignNodeError if it is another device or its mapping is fixed and differs, SdoError if a transfer
-    fails."""
-    await client.upload(0x1000, 0)
+    The node is not started. Raises ForeignNodeError if it is another device or its mapping is fixed and differs,
+    SdoError if a transfer fails.
+    """
+    await client.upload(0x1000, 0)  # mandatory in every device: shows whether the node answers
     await _check_identity(node, client)
-    await _settle(client, 0x1017, 0, "H", round(1e3 * node.heartbeat_s))
+    await _write_if_different(client, 0x1017, 0, "H", round(1e3 * node.heartbeat_s))
     for pdo in node.pdos:
-        await _settle_pdo(node, pdo, client)
+        await _configure_pdo(node, pdo, client)
 
 
 async def _check_identity(node: SensorNode, client: Client) -> None:
-    for sub, (what, wanted) in enumerate(zip(_IDENTITY, node.identity, strict=True), 1):
+    """Raise ForeignNodeError if a number of 1018h differs from the machine file's."""
+    for sub, (name, wanted) in enumerate(zip(_IDENTITY, node.identity, strict=True), 1):
         if wanted is None:
             continue
-        found = await client.read(0x1018, sub, "I")
-        if found != wanted:
+        actual = await client.read(0x1018, sub, "I")
+        if actual != wanted:
             raise ForeignNodeError(
-                f"{node.name}: node {node.node_id} has {what} {found:#x}, not {wanted:#x}: it is another device "
+                f"{node.name}: node {node.node_id} has {name} {actual:#x}, not {wanted:#x}: it is another device "
                 "(swapped node ids?), or correct its identity in the machine file"
             )
 
 
-async def _settle(client: Client, index: int, sub: int, code: str, value: int) -> bool:
-    """Write a value unless the node has it already; True if it was written."""
+async def _write_if_different(client: Client, index: int, sub: int, code: str, value: int) -> bool:
+    """Write a value unless the node has it already; return whether it was written."""
     if await client.read(index, sub, code) == value:
         return False
     await client.write(index, sub, code, value)
     return True
 
 
-async def _settle_pdo(node: SensorNode, pdo: Pdo, client: Client) -> None:
+async def _configure_pdo(node: SensorNode, pdo: Pdo, client: Client) -> None:
+    """Write identifier, mapping and trigger of a TPDO where they differ: disable, write, enable (CiA 301)."""
     index = 0x17FF + pdo.number
     cob_id = await client.read(index, 1, "I")
     mapped = await _mapping(pdo, client)
@@ -193,8 +214,7 @@ async def _settle_pdo(node: SensorNode, pdo: Pdo, client: Client) -> None:
             f"{_shown(wanted)}: list its sensors in the order that it maps"
         )
     trigger = await _trigger(pdo, client)
-    settled = cob_id & ~_NO_REMOTE == pdo.can_id
-    if settled and mapped == wanted and not trigger:
+    if cob_id & ~_NO_REMOTE == pdo.can_id and mapped == wanted and not trigger:
         return
     await client.write(index, 1, "I", cob_id | _DISABLED)
     if mapped != wanted:
@@ -205,12 +225,14 @@ async def _settle_pdo(node: SensorNode, pdo: Pdo, client: Client) -> None:
 
 
 async def _mapping(pdo: Pdo, client: Client) -> list[int]:
+    """Return the mapping entries of a TPDO, as in 1A00h."""
     index = 0x19FF + pdo.number
     count = await client.read(index, 0, "B")
     return [await client.read(index, sub, "I") for sub in range(1, min(count, 64) + 1)]
 
 
 async def _map(pdo: Pdo, wanted: list[int], client: Client) -> None:
+    """Write the mapping entries of a disabled TPDO, and check them."""
     index = 0x19FF + pdo.number
     await client.write(index, 0, "B", 0)
     for sub, entry in enumerate(wanted, 1):
@@ -221,23 +243,23 @@ async def _map(pdo: Pdo, wanted: list[int], client: Client) -> None:
 
 
 async def _trigger(pdo: Pdo, client: Client) -> list[tuple[tuple[int, int], str, int]]:
-    """What has to be written, and where, for the PDO to be sent when it should."""
+    """Return the parameters to write, (address, struct code, value), for the PDO to be sent at the wanted times."""
     index = 0x17FF + pdo.number
     kind = await client.read(index, 2, "B")
     if pdo.synchronous:
         wanted = max(pdo.sync, 1)
         return [] if kind == wanted else [((index, 2), "B", wanted)]
-    found: list[tuple[tuple[int, int], str, int]] = []
+    writes: list[tuple[tuple[int, int], str, int]] = []
     if kind not in _EVENT_DRIVEN:
-        found.append(((index, 2), "B", _EVENT_DRIVEN[0]))
+        writes.append(((index, 2), "B", _EVENT_DRIVEN[0]))
     address, period_ms = await _event_timer(index, client)
     if period_ms != round(1e3 * pdo.period_s):
-        found.append((address, "H", round(1e3 * pdo.period_s)))
-    return found
+        writes.append((address, "H", round(1e3 * pdo.period_s)))
+    return writes
 
 
 async def _event_timer(index: int, client: Client) -> tuple[tuple[int, int], int]:
-    """Where a node has the event timer of a TPDO, and what it says [ms]."""
+    """Return the address of a TPDO's event timer in this node, and its value [ms]."""
     try:
         return (index, 5), await client.read(index, 5, "H")
     except AbortedError as error:
@@ -247,4 +269,5 @@ async def _event_timer(index: int, client: Client) -> tuple[tuple[int, int], int
 
 
 def _shown(mapped: list[int]) -> str:
+    """Return mapping entries as text: index and sub-index of each object."""
     return ", ".join(f"{entry >> 16:04X}h:{entry >> 8 & 0xFF}" for entry in mapped) or "nothing"

@@ -1,5 +1,4 @@
-"""A transmit PDO of a node: its parameters (1800h + n), its mapping (1A00h + n), when it is sent and with
-what."""
+"""A transmit PDO of a node: its parameters (1800h + n), its mapping (1A00h + n), its triggers and its data."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -7,15 +6,15 @@ from typing import Protocol
 from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 
-DISABLED = 1 << 31  # of a COB-ID
-NO_REMOTE = 1 << 30
+DISABLED, NO_REMOTE = 1 << 31, 1 << 30  # bits of a COB-ID
 
-VALUE_RANGE = 0x06090030
-NOT_MAPPABLE = 0x06040041
-TOO_LONG = 0x06040042
-DEVICE_STATE = 0x08000022
+# Abort codes of CiA 301.
+VALUE_RANGE = 0x06090030  # invalid value
+NOT_MAPPABLE = 0x06040041  # object cannot be mapped to the PDO
+TOO_LONG = 0x06040042  # number and length of the objects exceed the PDO
+DEVICE_STATE = 0x08000022  # not in the present device state
 
-_MOST = 8  # objects of one byte
+_MOST = 8  # objects in a PDO: as many as it has bytes
 
 
 class PdoOwner(Protocol):
@@ -26,27 +25,31 @@ class PdoOwner(Protocol):
 
     @property
     def operational(self) -> bool:
-        """Whether it may send PDOs."""
+        """Return whether it may send PDOs."""
         ...
 
     def raw(self, index: int, sub: int) -> int:
-        """The value of an object that is a number."""
+        """Return the value of an object that is a number."""
         ...
 
     def variable(self, index: int, sub: int) -> ODVariable | None:
-        """The description of an object, None if there is none."""
+        """Return the description of an object; None if there is none."""
         ...
 
 
 class Tpdo:
-    """TPDO `number` of `node`, as the object dictionary describes it now."""
+    """A TPDO, as the object dictionary of its node describes it now.
+
+    node: the node that sends it
+    number: number of the TPDO, from 1
+    """
 
     def __init__(self, node: PdoOwner, number: int) -> None:
         self._node = node
         self._communication, self._mapping = 0x17FF + number, 0x19FF + number
-        self._syncs = 0
-        self._sent: bytes | None = None
-        self._due_us: int | None = None
+        self._syncs = 0  # SYNCs since it was sent
+        self._sent: bytes | None = None  # data that were sent last
+        self._due_us: int | None = None  # time at which the event timer sends it; None: stopped
         self.reload()
 
     def reload(self) -> None:
@@ -60,23 +63,23 @@ class Tpdo:
 
     @property
     def event_driven(self) -> bool:
-        """Whether it is sent on events, not on SYNC."""
+        """Return whether it is sent on events, not on SYNC."""
         return self._type > 240
 
     def data(self) -> bytes:
-        """The mapped objects' bytes."""
+        """Return the bytes of the mapped objects."""
         store = self._node.data_store
         return b"".join([store[index][sub] for index, sub in self._objects])
 
     def send(self) -> bool:
-        """Send now, if the node is operational and the PDO enabled."""
+        """Send now, if the node is operational and the PDO enabled; return whether it was sent."""
         if not self._node.operational or self._cob_id & DISABLED:
             return False
         self._sent = self.data()
         return self._node.send(self._cob_id & 0x7FF, self._sent)
 
     def on_sync(self) -> None:
-        """Type n: sent after every n-th SYNC; type 0: after a SYNC if something has changed."""
+        """Send after a SYNC, by the transmission type: n: after every n-th SYNC, 0: if the data have changed."""
         if self.event_driven:
             return
         self._syncs += 1
@@ -85,7 +88,7 @@ class Tpdo:
             self.send()
 
     def poll(self, t_us: int) -> None:
-        """The event timer."""
+        """Send when the event timer has expired at the time `t_us` [us]; missed periods are skipped."""
         if not self._event_us or not self.event_driven or not self._node.operational:
             self._due_us = None
         elif self._due_us is None:
@@ -105,6 +108,7 @@ class Tpdo:
             self._check_mapping(sub, value)
 
     def _check_cob_id(self, value: int) -> None:
+        """Allow identifiers of PDOs only, and their change only while the PDO is disabled."""
         can_id = value & 0x3FFFFFFF
         if not (0x181 <= can_id <= 0x57F or 0x680 <= can_id <= 0x6DF):
             raise SdoAbortedError(VALUE_RANGE)
@@ -112,6 +116,7 @@ class Tpdo:
             raise SdoAbortedError(DEVICE_STATE)
 
     def _check_mapping(self, sub: int, value: int) -> None:
+        """Allow a mapping of at most 8 bytes, and its change only while the PDO is disabled."""
         if not self._cob_id & DISABLED or (sub and self._node.raw(self._mapping, 0)):
             raise SdoAbortedError(DEVICE_STATE)
         if sub:
@@ -126,6 +131,7 @@ class Tpdo:
             raise SdoAbortedError(TOO_LONG)
 
     def _check_mapped(self, entry: int) -> None:
+        """Allow an entry of an object that exists, may be mapped, and has the entry's length."""
         variable = self._node.variable(entry >> 16, entry >> 8 & 0xFF)
         if variable is None or not variable.pdo_mappable or len(variable) != entry & 0xFF:
             raise SdoAbortedError(NOT_MAPPABLE)

@@ -99,7 +99,7 @@ class Daemon(Station[State]):
         self._show_identity()
         if self.log is not None:
             self.log.header = self.log.header.model_copy(update={"identified_sha256": new.sha256})
-            self.log.turn(partial(continued, self.log.header, self.state), now_us())
+            self.log.begin_file(partial(continued, self.log.header, self.state), now_us())
         for sentence in new.warnings:
             self._tell.warning("parameters", why=sentence)
         self._tell.info("reloaded", parameters=new.seal)
@@ -120,13 +120,13 @@ class Daemon(Station[State]):
     def after_frame(self, frame: Frame) -> None:
         """Another node may claim our J1939 address."""
         if self._j1939 is not None:
-            self._j1939.take(frame)
+            self._j1939.on_frame(frame)
 
     def before_tick(self, t_us: int) -> None:
         """When the log is full, was renamed, or failed a while ago: a new file, which begins with what the service
         remembers now."""
-        if self.log is not None and self.log.wants_turn:
-            self.log.turn(partial(continued, self.log.header, self.state), t_us)
+        if self.log is not None and self.log.needs_new_file:
+            self.log.begin_file(partial(continued, self.log.header, self.state), t_us)
 
     def after_sync(self) -> None:
         """Publish the adaptation's state, log what has changed."""

@@ -1,4 +1,4 @@
 """Object dictionary of our node, and the files made from it: EDS and DBC; reader for the EDS files of sensor vendors.
 
-Work here to add an object or to read another vendor's file.
+Work here to add an object or to correct another mistake of vendors' files.
 """

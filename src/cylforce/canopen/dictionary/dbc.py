@@ -22,10 +22,10 @@ from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import DEGREE
 
 NODE = "cylforce"
-PERIOD = "GenMsgCycleTime"  # the attribute by which CAN tools know how often a message comes
+PERIOD = "GenMsgCycleTime"  # the attribute from which CAN tools read the period of a message [ms]
 _UNITS = {"rad": ("deg", DEGREE), "1": ("", 1.0)}  # SI unit: unit shown instead, its size in SI
 _NMT = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}
-_STATUS_BITS = 2
+_STATUS_BITS = 2  # of a quality; the other bits are the reason
 
 _TOTALS = {
     LOADED: "loaded_total_mass",
@@ -36,8 +36,17 @@ _TOTALS = {
 
 
 class DbcSignal(NamedTuple):
-    """A signal: place and length [bits], scale and offset to `unit`; `words`: names of raw values; least and greatest
-    value (both 0: not said)."""
+    """A signal of a message.
+
+    name: name in the file
+    start: position of its lowest bit
+    length: [bits]
+    signed: whether the raw value is signed
+    scale, offset: value = raw * scale + offset, in `unit`
+    unit: unit of the value
+    words: names of raw values
+    low, high: least and greatest value; both 0: not limited
+    """
 
     name: str
     start: int
@@ -52,8 +61,16 @@ class DbcSignal(NamedTuple):
 
 
 class DbcMessage(NamedTuple):
-    """A message: name, identifier, length [bytes], sender, signals; how often it is sent [ms] (0: when something
-    happens); what it is."""
+    """A message.
+
+    name: name in the file
+    can_id: identifier, with DBC's flag for 29 bits
+    length: [bytes]
+    sender: name of the node
+    signals: its signals
+    period_ms: period [ms]; 0: sent on events
+    note: comment
+    """
 
     name: str
     can_id: int
@@ -71,18 +88,24 @@ def dbc(
     heartbeat_ms: int = 500,
     j1939: int | None = None,
 ) -> str:
-    """The file's text (ASCII): our TPDOs, heartbeat and emergency message, and those of the sensors; little endian.
-    `j1939`: our address there, if any."""
-    everything = [(NODE, node_id, pdos, heartbeat_ms)]
-    everything += [(node.name, node.node_id, node.pdos, round(1e3 * node.heartbeat_s)) for node in sensors]
-    found = [message for node in everything for message in _messages(*node)]
-    found += _j1939(j1939, round(1e3 * pdos[0].period_s)) if j1939 is not None else []
-    messages = sorted(found, key=lambda message: message.can_id)
-    tables = [pdo for _, _, own, _ in everything for pdo in own]
+    """Return the text of the DBC file (ASCII, little endian): TPDOs, heartbeat and emergency messages of all nodes.
+
+    pdos: TPDOs of our node
+    node_id: number of our node
+    sensors: the sensor nodes
+    heartbeat_ms: heartbeat period of our node [ms]
+    j1939: our address on J1939; None: nothing is sent there
+    """
+    unsorted = list(_messages(NODE, node_id, pdos, heartbeat_ms))
+    for node in sensors:
+        unsorted += _messages(node.name, node.node_id, node.pdos, round(1e3 * node.heartbeat_s))
+    unsorted += _j1939(j1939, round(1e3 * pdos[0].period_s)) if j1939 is not None else []
+    messages = sorted(unsorted, key=lambda message: message.can_id)
+    tables = [*pdos, *(pdo for node in sensors for pdo in node.pdos)]
     return "".join(
         [
             'VERSION ""\n\nNS_ :\n\nBS_:\n\n',
-            f"BU_: {' '.join(name for name, *_ in everything)}\n\n",
+            f"BU_: {' '.join([NODE, *(node.name for node in sensors)])}\n\n",
             *map(_message, messages),
             *(f'CM_ BO_ {message.can_id} "{message.note}";\n' for message in messages),
             *map(_notes, tables),
@@ -95,19 +118,50 @@ def dbc(
 
 
 def _messages(name: str, node_id: int, pdos: Sequence[Pdo], heartbeat_ms: int) -> Iterator[DbcMessage]:
-    """All that a node sends of itself."""
+    """Yield the messages of a node: its PDOs, heartbeat and emergency message."""
     for pdo in pdos:
-        how = "after SYNC" if pdo.synchronous else "by a timer"
-        note = f"TPDO {pdo.number} of node {node_id}, {how}"
-        period = round(1e3 * pdo.period_s)
-        yield DbcMessage(f"{name}_tpdo{pdo.number}", pdo.can_id, pdo.length, name, _signals(pdo), period, note)
-    beat = [DbcSignal("nmt_state", 0, 8, False, 1.0, 0.0, "", _NMT)]
-    yield DbcMessage(f"{name}_heartbeat", 0x700 + node_id, 1, name, beat, heartbeat_ms, f"Heartbeat of node {node_id}")
-    yield DbcMessage(f"{name}_emergency", 0x80 + node_id, 8, name, _emergency(), 0, f"EMCY of node {node_id}")
+        yield DbcMessage(
+            name=f"{name}_tpdo{pdo.number}",
+            can_id=pdo.can_id,
+            length=pdo.length,
+            sender=name,
+            signals=_signals(pdo),
+            period_ms=round(1e3 * pdo.period_s),
+            note=f"TPDO {pdo.number} of node {node_id}, {'after SYNC' if pdo.synchronous else 'by a timer'}",
+        )
+    yield DbcMessage(
+        name=f"{name}_heartbeat",
+        can_id=0x700 + node_id,
+        length=1,
+        sender=name,
+        signals=[_integer("nmt_state", 0, 8, _NMT)],
+        period_ms=heartbeat_ms,
+        note=f"Heartbeat of node {node_id}",
+    )
+    yield DbcMessage(
+        name=f"{name}_emergency",
+        can_id=0x80 + node_id,
+        length=8,
+        sender=name,
+        signals=[
+            _integer("error_code", 0, 16, {0: "no_error"}),
+            _integer("error_register", 16, 8),
+            _integer("error_information", 24, 40),
+        ],
+        period_ms=0,
+        note=f"EMCY of node {node_id}",
+    )
+
+
+def _integer(name: str, start: int, length: int, words: Mapping[int, str] | None = None) -> DbcSignal:
+    """Return an unsigned signal without unit and scale."""
+    return DbcSignal(
+        name=name, start=start, length=length, signed=False, scale=1.0, offset=0.0, unit="", words=words or {}
+    )
 
 
 def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
-    """Our messages on J1939 (`canopen/j1939.py`)."""
+    """Return our messages on J1939 (`canopen/j1939.py`)."""
     absent, largest = {0xFFFF: "no_value"}, 64255.0
     payload, force = ("payload_status", "payload_reason"), ("soil_magnitude_status", "soil_magnitude_reason")
     weight = [DbcSignal("cargo_weight", 40, 16, False, 2.0, 0.0, "kg", absent, 0.0, 2.0 * largest)]
@@ -119,9 +173,9 @@ def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
         *_quality(*force, 56),
     ]
     total = [
-        DbcSignal("process_data_command", 0, 4, False, 1.0, 0.0, "", {3: "value"}),
-        DbcSignal("process_data_element", 4, 12, False, 1.0, 0.0, "", {}),
-        DbcSignal("total_of", 16, 16, False, 1.0, 0.0, "", _TOTALS),
+        _integer("process_data_command", 0, 4, {3: "value"}),
+        _integer("process_data_element", 4, 12),
+        _integer("total_of", 16, 16, _TOTALS),
         DbcSignal("total", 32, 32, True, 1.0, 0.0, "kg", {}, 0.0, float(LARGEST_TOTAL)),
     ]
     return [
@@ -135,56 +189,61 @@ def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
 
 
 def _quality(status: str, reason: str, start: int, bits: int = 8) -> list[DbcSignal]:
-    """A quality byte as its two parts."""
+    """Return status and reason, the two parts of a quality of `bits` bits."""
     return [
-        DbcSignal(status, start, _STATUS_BITS, False, 1.0, 0.0, "", _names(Status)),
-        DbcSignal(reason, start + _STATUS_BITS, bits - _STATUS_BITS, False, 1.0, 0.0, "", _names(Reason)),
+        _integer(status, start, _STATUS_BITS, _names(Status)),
+        _integer(reason, start + _STATUS_BITS, bits - _STATUS_BITS, _names(Reason)),
     ]
 
 
 def _signals(pdo: Pdo) -> list[DbcSignal]:
-    found: list[DbcSignal] = []
+    """Return the signals of a PDO, one after the other."""
+    signals: list[DbcSignal] = []
     start = 0
     for field in pdo.fields:
-        found += _field(field, start)
+        signals += _field(field, start)
         start += 8 * CODES[field.code]
-    return found
+    return signals
 
 
 def _field(field: Field, start: int) -> Iterable[DbcSignal]:
+    """Yield the signals of a PDO's field: two for a quality, none for a gap, else one."""
     if field.signal is None:
         return
     if field.signal in (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values()):
-        what = field.signal.removesuffix("_quality")
-        yield from _quality(f"{what}_status", f"{what}_reason", start, 8 * CODES[field.code])
+        name = field.signal.removesuffix("_quality")
+        yield from _quality(f"{name}_status", f"{name}_reason", start, 8 * CODES[field.code])
         return
     unit, size = _UNITS.get(field.unit, (field.unit, 1.0))
     words = {} if field.code == "f" else {int(not_available(field.code)): "no_value"}
     words |= _names(EventKind) if field.signal == EVENT_KIND else {}
-    scale, offset = field.scale / size, field.offset / size
-    limits = (field.low / size, field.high / size)
-    signed = field.code.islower()
-    yield DbcSignal(field.signal, start, 8 * CODES[field.code], signed, scale, offset, unit, words, *limits)
+    yield DbcSignal(
+        name=field.signal,
+        start=start,
+        length=8 * CODES[field.code],
+        signed=field.code.islower(),
+        scale=field.scale / size,
+        offset=field.offset / size,
+        unit=unit,
+        words=words,
+        low=field.low / size,
+        high=field.high / size,
+    )
 
 
 def _names(words: type[Status] | type[Reason] | type[EventKind]) -> dict[int, str]:
+    """Return the names of an enumeration's values."""
     return {int(word): word.name.lower() for word in words}
 
 
-def _emergency() -> list[DbcSignal]:
-    return [
-        DbcSignal("error_code", 0, 16, False, 1.0, 0.0, "", {0: "no_error"}),
-        DbcSignal("error_register", 16, 8, False, 1.0, 0.0, "", {}),
-        DbcSignal("error_information", 24, 40, False, 1.0, 0.0, "", {}),
-    ]
-
-
 def _message(message: DbcMessage) -> str:
+    """Return the lines that define a message and its signals."""
     head = f"BO_ {message.can_id} {message.name}: {message.length} {message.sender}\n"
     return head + "".join(map(_signal, message.signals)) + "\n"
 
 
 def _signal(signal: DbcSignal) -> str:
+    """Return the line that defines a signal."""
     sign = "-" if signal.signed else "+"
     place = f"{signal.start}|{signal.length}@1{sign}"
     limits = f"[{signal.low:.12g}|{signal.high:.12g}]"
@@ -193,18 +252,19 @@ def _signal(signal: DbcSignal) -> str:
 
 
 def _notes(pdo: Pdo) -> str:
-    """Bandwidth and delay, as comments."""
-    said = ((field.signal, field.note) for field in pdo.fields if field.note)
-    return "".join(f'CM_ SG_ {pdo.can_id} {name} "{note}";\n' for name, note in said)
+    """Return bandwidth and delay of a PDO's signals as comments."""
+    noted = (field for field in pdo.fields if field.note)
+    return "".join(f'CM_ SG_ {pdo.can_id} {field.signal} "{field.note}";\n' for field in noted)
 
 
 def _types(pdo: Pdo) -> str:
-    """Floating-point signals need an entry of their own (SIG_VALTYPE_)."""
+    """Return the entries SIG_VALTYPE_ that mark floating-point signals."""
     floats = (field.signal for field in pdo.fields if field.code == "f" and field.signal)
     return "".join(f"SIG_VALTYPE_ {pdo.can_id} {name} : 1;\n" for name in floats)
 
 
 def _words(can_id: int, signal: DbcSignal) -> str:
+    """Return the table of named raw values of a signal."""
     if not signal.words:
         return ""
     pairs = " ".join(f'{raw} "{word}"' for raw, word in signal.words.items())

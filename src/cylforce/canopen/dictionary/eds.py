@@ -8,24 +8,32 @@ from cylforce.canopen.dictionary.object_table import DATA_TYPES, VARIABLE, Entry
 from cylforce.signals.layout import Pdo
 
 _MANDATORY = {0x1000, 0x1001, 0x1018}
-_BIT_RATES = {10: 0, 20: 0, 50: 0, 125: 1, 250: 1, 500: 1, 800: 0, 1000: 1}
+_BIT_RATES = {10: 0, 20: 0, 50: 0, 125: 1, 250: 1, 500: 1, 800: 0, 1000: 1}  # kbit/s: supported or not
 _DATE, _TIME = "11-21-2026", "12:00AM"  # date of the layout, not of the run: the same table gives the same file
 
-Section = tuple[str, Sequence[tuple[str, object]]]
+Section = tuple[str, Sequence[tuple[str, object]]]  # name, and its lines as (key, value)
 
 
 def eds(pdos: Sequence[Pdo], heartbeat_ms: int = 500, sync_us: int = 0) -> str:
-    """The file's text (ASCII, lines end with a line feed); node ids in it are relative ($NODEID)."""
+    """Return the text of the EDS file (ASCII, lines end with a line feed); node numbers in it are relative ($NODEID).
+
+    pdos: TPDOs that the node sends
+    heartbeat_ms: its heartbeat period [ms]
+    sync_us: period of the SYNC that it produces [us]; 0: another node does
+    """
     objects = own_objects(pdos, heartbeat_ms, sync_us)
-    sections = [*_device(len(pdos)), *_lists(objects), *(part for made in objects for part in _object(made))]
+    described = (section for item in objects for section in _object(item))
+    sections = [*_device(len(pdos)), *_lists(objects), *described]
     return "\n".join(_section(name, lines) for name, lines in sections)
 
 
 def _section(name: str, lines: Iterable[tuple[str, object]]) -> str:
+    """Return the text of a section."""
     return f"[{name}]\n" + "".join(f"{key}={value}\n" for key, value in lines)
 
 
 def _device(tpdos: int) -> list[Section]:
+    """Return the sections about file and device; `tpdos`: number of TPDOs."""
     changed = (("Time", _TIME), ("Date", _DATE))
     file = [
         *(("FileName", "cylforce.eds"), ("FileVersion", REVISION), ("FileRevision", 0), ("EDSVersion", "4.0")),
@@ -48,26 +56,29 @@ def _device(tpdos: int) -> list[Section]:
 
 
 def _lists(objects: Sequence[Object]) -> list[Section]:
-    indices = [made.index for made in objects]
-    ours = [index for index in indices if 0x2000 <= index < 0x6000]
+    """Return the lists of mandatory, optional and manufacturer objects."""
+    indices = [item.index for item in objects]
+    manufacturer = [index for index in indices if 0x2000 <= index < 0x6000]
     mandatory = [index for index in indices if index in _MANDATORY]
-    optional = [index for index in indices if index not in _MANDATORY and index not in ours]
-    named = (("MandatoryObjects", mandatory), ("OptionalObjects", optional), ("ManufacturerObjects", ours))
+    optional = [index for index in indices if index not in _MANDATORY and index not in manufacturer]
+    groups = (("MandatoryObjects", mandatory), ("OptionalObjects", optional), ("ManufacturerObjects", manufacturer))
     return [
-        (name, [("SupportedObjects", len(found)), *((str(k), f"0x{i:04X}") for k, i in enumerate(found, 1))])
-        for name, found in named
+        (name, [("SupportedObjects", len(group)), *((str(k), f"0x{i:04X}") for k, i in enumerate(group, 1))])
+        for name, group in groups
     ]
 
 
-def _object(made: Object) -> list[Section]:
-    index = f"{made.index:04X}"
-    if made.kind == VARIABLE:
-        return [(index, _entry(made.entries[0]))]
-    head = [("ParameterName", made.name), ("ObjectType", hex(made.kind)), ("SubNumber", len(made.entries))]
-    return [(index, head), *((f"{index}sub{entry.sub:X}", _entry(entry)) for entry in made.entries)]
+def _object(item: Object) -> list[Section]:
+    """Return the sections of an object: its own, and one for each sub-index."""
+    index = f"{item.index:04X}"
+    if item.kind == VARIABLE:
+        return [(index, _entry(item.entries[0]))]
+    head = [("ParameterName", item.name), ("ObjectType", hex(item.kind)), ("SubNumber", len(item.entries))]
+    return [(index, head), *((f"{index}sub{entry.sub:X}", _entry(entry)) for entry in item.entries)]
 
 
 def _entry(entry: Entry) -> list[tuple[str, object]]:
+    """Return the lines of one value."""
     lines: list[tuple[str, object]] = [
         ("ParameterName", entry.name),
         ("ObjectType", hex(VARIABLE)),
@@ -81,11 +92,12 @@ def _entry(entry: Entry) -> list[tuple[str, object]]:
 
 
 def _default(entry: Entry) -> str:
+    """Return the default value as CiA 306 writes it."""
     value = entry.default
     if value is None or isinstance(value, str):
         return value or ""
     if entry.code == "f":
-        return f"0x{pack('>f', value).hex().upper()}"  # CiA 306: the bits
+        return f"0x{pack('>f', value).hex().upper()}"  # the bits of a REAL32
     if entry.relative:
         return f"$NODEID+0x{int(value):X}"
     return str(int(value)) if entry.code.islower() or value < 10 else f"0x{int(value):X}"

@@ -1,5 +1,4 @@
-"""The object dictionaries of our own node, from what it publishes, and of a sensor, from what it is asked to
-send.
+"""The object dictionaries of our own node, from what it publishes, and of a sensor, from what it is configured to send.
 
 Objects 1000h-1FFFh: CiA 301; 6xxxh-9xxxh: the device profiles CiA 404, 406, 410; 2xxxh: ours.
 """
@@ -16,10 +15,10 @@ from cylforce.canopen.dictionary.object_table import (
     VARIABLE,
     Entry,
     Object,
-    first_entry,
     group,
     merged,
     variable,
+    with_first_entry,
 )
 from cylforce.canopen.emergency import HISTORY
 from cylforce.mechanics.installation import SensorNode
@@ -28,21 +27,21 @@ from cylforce.service.loading.truck import LARGEST_TARGET
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
 
-CONSUMERS = 16  # entries of 1016h
+CONSUMERS = 16  # entries of 1016h, heartbeat consumers; chosen
 PRODUCT, REVISION = 1, 1  # in 1018h; vendor 0: cylforce has no vendor-ID
 ZERO, TARE = 0x6125, 0x6139  # commands, at sub-index 1
-UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138
-INT16, INT32 = 0x7130, 0x9130  # process values
-ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # of the tares to temperature and wear, and its states
-UNEXPLAINED, JOINTS = 0x21B0, 8  # torque that the empty machine does not explain, of the first eight measured joints
+UNIT, DIGITS, STATUS, TARE_VALUE = 0x6131, 0x6132, 0x6150, 0x9138  # of the process values (CiA 404)
+INT16, INT32 = 0x7130, 0x9130  # process values as INTEGER16 and INTEGER32 (CiA 404)
+ADAPTATION, OFF, FROZEN, FOLLOWING = 0x2170, 0, 1, 2  # adaptation of the tares to temperature and wear; its states
+UNEXPLAINED, JOINTS = 0x21B0, 8  # residual torque of the empty machine, of the first eight measured joints
 
 LOADING = 0x2190  # the truck that is being loaded
 TRUCK, TOTAL, COUNT, LAST, RECORDED, RECORDS = 6, 7, 8, 9, 10, 11  # its sub-indices that are read only
-TOOL, ADD = 12, 13  # number of the tool: a command, and read; a bucket by hand: a command
-PART, TRAILER, IN_PART, PART_NUMBER = 14, 15, 16, 17  # next part and its target: commands; mass and number: read
+TOOL, ADD = 12, 13  # number of the tool: a command that can be read; a bucket entered by hand: a command
+PART, TRAILER, IN_PART, PART_NUMBER = 14, 15, 16, 17  # next part and its target: commands; mass and number: read only
 NO_RECORDS, RECORDING, RECORDS_STOPPED = 0, 1, 2  # values of sub-index RECORDS
 
-PROTECTION = 0x21A0  # who may write, what was written, what runs
+PROTECTION = 0x21A0  # lock, audit trail, identity of software and files
 CODE, LOCK_STATE, SECONDS_LEFT, AUDIT_COUNT, SOFTWARE_ID, PARAMETERS_ID, MACHINE_ID = range(1, 8)  # its sub-indices
 
 _BASES = range(0x180, 0x580, 0x80)  # COB-IDs of PDOs in CiA 301, to which the node id is added
@@ -51,9 +50,9 @@ _LARGEST_TARGET = round(LARGEST_TARGET / KG)
 _NEXT, _ZERO = (int.from_bytes(word, "little") for word in (NEXT_WORD, *SIGNATURES[0x6125]))
 _TARA, _TARE = sorted(int.from_bytes(word, "little") for word in SIGNATURES[0x6139])
 _LONGEST_HEARTBEAT_MS = 10_000
-_COB_IDS = 0x181, 0xC00006DF  # of a PDO, with the bits "disabled" and "no remote frames"
-_SLOTS = 8  # entries of a mapping that can be written
-_SYNC = 0x80
+_COB_IDS = 0x181, 0xC00006DF  # limits of a PDO's COB-ID, with the bits "disabled" and "no remote frames"
+_SLOTS = 8  # entries of a mapping that can be written: as many as a frame has bytes
+_SYNC = 0x80  # identifier of SYNC
 # SI unit -> code of CiA 303-2 for the unit in which it is published, that unit's size in SI
 _UNITS = {
     "kg": (0x00020000, 1.0),
@@ -77,8 +76,13 @@ _OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload", 
 def own_objects(
     pdos: Sequence[Pdo], heartbeat_ms: int = 500, sync_us: int = 0, watched: Sequence[int] = ()
 ) -> tuple[Object, ...]:
-    """Our node, which sends `pdos`. `sync_us`: period of the SYNC that it produces; 0: another node does. `watched`:
-    entries of 1016h. Raises ValueError if these are more than there is room for."""
+    """Return the objects of our node. Raises ValueError if there are more consumers than entries.
+
+    pdos: TPDOs that it sends
+    heartbeat_ms: its heartbeat period [ms]
+    sync_us: period of the SYNC that it produces [us]; 0: another node does
+    watched: entries of 1016h, the heartbeats that it monitors
+    """
     if len(watched) > CONSUMERS:
         raise ValueError(f"{len(watched)} nodes have a heartbeat, {CONSUMERS} can be watched: set heartbeat_ms = 0")
     entries = [*watched, *[0] * (CONSUMERS - len(watched))]
@@ -92,8 +96,8 @@ def own_objects(
             *_communication(404, "cylforce", (0, PRODUCT, REVISION, 0), heartbeat_ms, _SYNC | produces),
             variable(0x1006, "Communication cycle period", "I", "ro", sync_us),
             group(0x1016, "Consumer heartbeat time", ARRAY, consumers),
-            *(made for pdo in pdos for made in _tpdo(pdo, "ro", len(pdo.fields))),
-            *(_carried(field, _NAMES[404] | _OURS) for field in fields),
+            *(item for pdo in pdos for item in _tpdo(pdo, "ro", len(pdo.fields))),
+            *(_mapped_object(field, _NAMES[404] | _OURS) for field in fields),
             *_own_channels(channels(fields)),
             group(ADAPTATION, "Adaptation", RECORD, _adaptation()),
             group(LOADING, "Truck", RECORD, _loading()),
@@ -104,11 +108,13 @@ def own_objects(
 
 
 def _adaptation() -> tuple[Entry, ...]:
+    """Return the entries about the adaptation to temperature and wear."""
     drift = Entry(1, "Adaptation drift, in 0.1 kg of payload", "i", "ro", 0)
     return drift, Entry(2, "Adaptation state: 0 off, 1 frozen, 2 following", "B", "ro", OFF)
 
 
 def _unexplained() -> tuple[Entry, ...]:
+    """Return the entries of the residual torques."""
     none = not_available("i")
     return tuple(
         Entry(k, f"Torque residual of measured joint {k}, in N m", "i", "ro", none) for k in range(1, JOINTS + 1)
@@ -116,7 +122,7 @@ def _unexplained() -> tuple[Entry, ...]:
 
 
 def _protection() -> tuple[Entry, ...]:
-    """See `canopen.access` and `records.audit`."""
+    """Return the entries of lock and audit trail, see `canopen.access` and `records.audit`."""
     return (
         Entry(CODE, "Code that unlocks; 0 locks", "I", "wo", low=0, high=_LARGEST_U32),
         Entry(LOCK_STATE, "Lock: 0 no code, 1 locked, 2 unlocked, 3 blocked", "B", "ro", 0),
@@ -129,7 +135,7 @@ def _protection() -> tuple[Entry, ...]:
 
 
 def _loading() -> tuple[Entry, ...]:
-    """Sub-indices 1 to 5 are commands, see `service.commands`."""
+    """Return the entries about the truck. Sub-indices 1 to 5 are commands, see `service.commands`."""
     return (
         Entry(1, "Target, in 0.1 kg; 0: none", "i", "rw", 0, low=0, high=_LARGEST_TARGET),
         Entry(2, "Number of the product", "I", "rw", 0, low=0, high=_LARGEST_U32),
@@ -152,28 +158,32 @@ def _loading() -> tuple[Entry, ...]:
 
 
 def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
-    """A simulated sensor as delivered: it can send what `node` describes, and is configured over SDO where that is
-    possible."""
+    """Return the objects of a simulated sensor as delivered.
+
+    It can send what `node` describes, and is configured over SDO where its mapping is writable.
+    """
     identity = tuple(0 if number is None else number for number in node.identity)
     fields = [field for pdo in node.pdos for field in pdo.fields]
     tpdos = (_as_delivered(pdo) if node.writable_mapping else _tpdo(pdo, "ro", len(pdo.fields)) for pdo in node.pdos)
     return merged(
         [
             *_communication(node.profile, node.name, identity, 0, _SYNC),
-            *(made for tpdo in tpdos for made in tpdo),
-            *(_carried(field, _NAMES.get(node.profile, {})) for field in fields),
+            *(item for tpdo in tpdos for item in tpdo),
+            *(_mapped_object(field, _NAMES.get(node.profile, {})) for field in fields),
             *_profile(node.profile, fields),
         ]
     )
 
 
 def channels(fields: Iterable[Field]) -> dict[int, Field]:
-    """CiA 404's channels: number, which is the sub-index of all its objects -> the field that carries the process
-    value."""
+    """Return CiA 404's channels: by number, which is the sub-index of all their objects, the field of the process
+    value.
+    """
     return {field.sub: field for field in fields if field.index in (INT16, INT32)}
 
 
 def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_ms: int, sync: int) -> list[Object]:
+    """Return the communication objects that every node has; `sync`: COB-ID of SYNC with the producer bit."""
     analog_inputs = 0x00020000 if profile == 404 else 0
     numbers = zip(("Vendor-ID", "Product code", "Revision number", "Serial number"), identity, strict=True)
     errors = (Entry(k, f"Standard error field {k}", "I", "ro", 0) for k in range(1, HISTORY + 1))
@@ -184,7 +194,7 @@ def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_m
     return [
         variable(0x1000, "Device type", "I", "ro", analog_inputs | profile),
         variable(0x1001, "Error register", "B", "ro", 0),
-        first_entry(
+        with_first_entry(
             group(0x1003, "Pre-defined error field", ARRAY, errors),
             Entry(0, "Number of errors", "B", "rw", 0),
         ),
@@ -192,7 +202,7 @@ def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_m
         variable(0x1008, "Manufacturer device name", TEXT, "const", name),
         variable(0x100A, "Manufacturer software version", TEXT, "const", __version__),
         Object(0x1014, "COB-ID EMCY", VARIABLE, (Entry(0, "COB-ID EMCY", "I", "ro", 0x80, relative=True),)),
-        first_entry(
+        with_first_entry(
             variable(0x1017, "Producer heartbeat time", "H", "rw", heartbeat_ms),
             Entry(0, "Producer heartbeat time", "H", "rw", heartbeat_ms, low=0, high=_LONGEST_HEARTBEAT_MS),
         ),
@@ -202,7 +212,11 @@ def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_m
 
 
 def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
-    """Communication and mapping parameters; `mapped`: how many of the entries are in use."""
+    """Return communication and mapping parameters of a TPDO.
+
+    access: of the parameters, "ro" or "rw"
+    mapped: how many of the entries are in use
+    """
     entries = [f.index << 16 | f.sub << 8 | 8 * CODES[f.code] for f in pdo.fields]
     slots = entries + [0] * (_SLOTS - len(entries)) if access == "rw" else entries
     relative = pdo.can_id - pdo.node_id in _BASES
@@ -216,7 +230,7 @@ def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
     objects = (Entry(k, f"Application object {k}", "I", access, entry) for k, entry in enumerate(slots, 1))
     return [
         group(0x17FF + pdo.number, f"{name} communication parameter", RECORD, parameter),
-        first_entry(
+        with_first_entry(
             group(0x19FF + pdo.number, f"{name} mapping parameter", RECORD, objects),
             Entry(0, "Number of mapped objects", "B", access, mapped),
         ),
@@ -224,64 +238,75 @@ def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
 
 
 def _as_delivered(pdo: Pdo) -> list[Object]:
-    """As delivered by the maker: one object mapped, the default identifier, no cyclic transmission."""
+    """Return a TPDO as delivered by the maker: one object mapped, the default identifier, no cyclic transmission."""
     default = 0x100 * pdo.number + 0x80 + pdo.node_id if pdo.number <= 4 else 0x80000000
     return _tpdo(pdo._replace(can_id=default, synchronous=False, period_s=0.0), "rw", 1)
 
 
-def _carried(field: Field, names: dict[int, str]) -> Object:
-    """A mapped object, "no value" to begin with."""
+def _mapped_object(field: Field, names: dict[int, str]) -> Object:
+    """Return the object that a PDO's field carries; its default is "no value"."""
     name = names.get(field.index, f"Object {field.index:04X}")
-    what = name if field.sub == 0 else f"{name} {field.signal or field.sub}"
-    what += f" ({field.note})" if field.note else ""
-    entry = Entry(field.sub, what, field.code, "ro", not_available(field.code), mappable=True)
+    full_name = name if field.sub == 0 else f"{name} {field.signal or field.sub}"
+    full_name += f" ({field.note})" if field.note else ""
+    entry = Entry(field.sub, full_name, field.code, "ro", not_available(field.code), mappable=True)
     if field.sub == 0:
         return Object(field.index, name, VARIABLE, (entry,))
     return group(field.index, name, RECORD if field.index in _OURS else ARRAY, (entry,))
 
 
 def unit_and_digits(field: Field) -> tuple[int, int]:
-    """Unit (6131h) and decimal digits (6132h) of a field's integers: value = integer / 10^digits units."""
+    """Return unit (6131h) and decimal digits (6132h) of a field's integers: value = integer / 10^digits units."""
     code, size = _UNITS[field.unit]
     return code, max(0, round(-log10(abs(field.scale) / size)))
 
 
-def _channel_objects(found: dict[int, Field]) -> list[Object]:
-    units = {number: unit_and_digits(field) for number, field in found.items()}
+def _channel_objects(by_number: dict[int, Field]) -> list[Object]:
+    """Return units and decimal digits of the channels."""
+    units = {number: unit_and_digits(field) for number, field in by_number.items()}
     return [
         group(
             UNIT,
             "AI physical unit PV",
             ARRAY,
-            (Entry(k, f"Unit of channel {k}", "I", "ro", u) for k, (u, _) in units.items()),
+            (Entry(k, f"Unit of channel {k}", "I", "ro", unit) for k, (unit, digits) in units.items()),
         ),
         group(
             DIGITS,
             "AI decimal digits PV",
             ARRAY,
-            (Entry(k, f"Digits of channel {k}", "B", "ro", d) for k, (_, d) in units.items()),
+            (Entry(k, f"Digits of channel {k}", "B", "ro", digits) for k, (unit, digits) in units.items()),
         ),
     ]
 
 
-def _own_channels(found: dict[int, Field]) -> list[Object]:
-    """What CiA 404 has beside the process values, and each of these in both integer types."""
+def _own_channels(by_number: dict[int, Field]) -> list[Object]:
+    """Return the objects of CiA 404 beside the process values, and each process value in both integer types."""
     return [
-        *_channel_objects(found),
+        *_channel_objects(by_number),
         group(ZERO, "AI autozero", ARRAY, [Entry(1, "Autozero of channel 1", "I", "wo", low=_ZERO, high=_ZERO)]),
         group(TARE, "AI autotare", ARRAY, [Entry(1, "Autotare of channel 1", "I", "wo", low=_TARA, high=_TARE)]),
         group(TARE_VALUE, "AI tare zero", ARRAY, [Entry(1, "Tare of channel 1", "i", "ro", not_available("i"))]),
-        group(STATUS, "AI status", ARRAY, (Entry(k, f"Status of channel {k}", "B", "ro", 1) for k in sorted(found))),
-        *(_carried(replace(f, index=INT16, code="h"), _NAMES[404]) for f in found.values() if f.index != INT16),
-        *(_carried(replace(f, index=INT32, code="i"), _NAMES[404]) for f in found.values() if f.index != INT32),
+        group(
+            STATUS, "AI status", ARRAY, (Entry(k, f"Status of channel {k}", "B", "ro", 1) for k in sorted(by_number))
+        ),
+        *(
+            _mapped_object(replace(f, index=INT16, code="h"), _NAMES[404])
+            for f in by_number.values()
+            if f.index != INT16
+        ),
+        *(
+            _mapped_object(replace(f, index=INT32, code="i"), _NAMES[404])
+            for f in by_number.values()
+            if f.index != INT32
+        ),
     ]
 
 
 def _profile(profile: int, fields: Sequence[Field]) -> list[Object]:
-    """The objects in which a device of a profile says what its integers mean."""
+    """Return the objects with which a device of a profile describes its integers."""
     if profile == 404:
-        found = {f.sub: f for f in fields if f.index in (0x6130, INT16, INT32)}
-        return _channel_objects(found) if found else []
+        by_number = {f.sub: f for f in fields if f.index in (0x6130, INT16, INT32)}
+        return _channel_objects(by_number) if by_number else []
     angle = next((f for f in fields if f.unit in ("rad", "m")), None)
     if profile == 410 and angle is not None:
         return [variable(0x6000, "Resolution", "H", "ro", round(1e3 * angle.scale / DEGREE))]

@@ -3,18 +3,29 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import groupby
+from operator import attrgetter
 from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
-VARIABLE, ARRAY, RECORD = 7, 8, 9
-TEXT = "s"  # in addition to the `struct` codes of `signals.layout.CODES`
+VARIABLE, ARRAY, RECORD = 7, 8, 9  # object types of CiA 301
+TEXT = "s"  # in addition to the struct codes of `signals.layout.CODES`
+# Data types of CiA 301 by struct code.
 DATA_TYPES = {"b": 2, "h": 3, "i": 4, "B": 5, "H": 6, "I": 7, "f": 8, TEXT: 9}
 
 
 class Entry(NamedTuple):
-    """One (sub-)object: type by struct code or TEXT; access "ro", "rw", "wo", "const"; default (None: none),
-    to which the node id is added if `relative`; limits; whether it may be mapped into a PDO."""
+    """One value: an object, or a sub-index of one.
+
+    sub: sub-index
+    name: name in the EDS
+    code: data type, a struct code or TEXT
+    access: "ro", "rw", "wo" or "const"
+    default: default value; None: none
+    relative: whether the node number is added to the default
+    low, high: limits; None: none
+    mappable: whether it may be mapped into a PDO
+    """
 
     sub: int
     name: str
@@ -29,7 +40,13 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Object:
-    """An object: a variable, or an array or record whose first entry is the highest sub-index."""
+    """An object of the dictionary.
+
+    index: its index
+    name: name in the EDS
+    kind: VARIABLE, ARRAY or RECORD
+    entries: its values; of an array or record the first one is the highest sub-index
+    """
 
     index: int
     name: str
@@ -38,65 +55,67 @@ class Object:
 
 
 def variable(index: int, name: str, code: str, access: str, default: float | str | None) -> Object:
-    """An object with one value."""
+    """Return an object with one value."""
     return Object(index, name, VARIABLE, (Entry(0, name, code, access, default),))
 
 
 def group(index: int, name: str, kind: int, entries: Iterable[Entry]) -> Object:
-    """An array or record."""
+    """Return an array or record of entries."""
     entries = tuple(entries)
     highest = Entry(0, "Highest sub-index supported", "B", "ro", max(entry.sub for entry in entries))
     return Object(index, name, kind, (highest, *entries))
 
 
-def first_entry(made: Object, entry: Entry) -> Object:
-    """The object with another entry at sub-index 0."""
-    return replace(made, entries=(entry, *made.entries[1:]))
+def with_first_entry(item: Object, entry: Entry) -> Object:
+    """Return an object with another entry at sub-index 0."""
+    return replace(item, entries=(entry, *item.entries[1:]))
 
 
 def merged(objects: Iterable[Object]) -> tuple[Object, ...]:
-    """In the order of the indices; objects of one index become one with the entries of all."""
-
-    def index(made: Object) -> int:
-        return made.index
-
-    return tuple(_joined(list(same)) for _, same in groupby(sorted(objects, key=index), index))
+    """Return objects in the order of their indices; those of one index become one with the entries of all."""
+    by_index = attrgetter("index")
+    groups = groupby(sorted(objects, key=by_index), by_index)
+    return tuple(_joined(list(of_index)) for index, of_index in groups)
 
 
-def _joined(same: list[Object]) -> Object:
-    if len(same) == 1:
-        return same[0]
-    entries = {entry.sub: entry for made in same for entry in made.entries if entry.sub}
-    return group(same[0].index, same[0].name, same[0].kind, (entries[sub] for sub in sorted(entries)))
+def _joined(objects: list[Object]) -> Object:
+    """Return one object with the entries of all `objects`, which have the same index."""
+    first = objects[0]
+    if len(objects) == 1:
+        return first
+    entries = {entry.sub: entry for item in objects for entry in item.entries if entry.sub}
+    return group(first.index, first.name, first.kind, (entries[sub] for sub in sorted(entries)))
 
 
 def dictionary(objects: Iterable[Object], node_id: int) -> ObjectDictionary:
-    """canopen's dictionary for one node."""
-    made = ObjectDictionary()
-    made.node_id = node_id
-    for described in objects:
-        made.add_object(_described(described, node_id))
-    return made
+    """Return canopen's dictionary for one node."""
+    described = ObjectDictionary()
+    described.node_id = node_id
+    for item in objects:
+        described.add_object(_described(item, node_id))
+    return described
 
 
-def _described(described: Object, node_id: int) -> ODVariable | ODArray | ODRecord:
-    members = [_variable(described.index, entry, node_id) for entry in described.entries]
-    if described.kind == VARIABLE:
+def _described(item: Object, node_id: int) -> ODVariable | ODArray | ODRecord:
+    """Return canopen's description of an object."""
+    members = [_variable(item.index, entry, node_id) for entry in item.entries]
+    if item.kind == VARIABLE:
         return members[0]
-    made = ODRecord(described.name, described.index)  # canopen's arrays invent sub-indices
+    record = ODRecord(item.name, item.index)  # for arrays as well: canopen's arrays invent sub-indices
     for member in members:
-        made.add_member(member)
-    return made
+        record.add_member(member)
+    return record
 
 
 def _variable(index: int, entry: Entry, node_id: int) -> ODVariable:
-    made = ODVariable(entry.name, index, entry.sub)
-    made.data_type = DATA_TYPES[entry.code]
-    made.access_type = entry.access
-    made.min, made.max = entry.low, entry.high
-    made.pdo_mappable = entry.mappable
+    """Return canopen's description of one value."""
+    variable = ODVariable(entry.name, index, entry.sub)
+    variable.data_type = DATA_TYPES[entry.code]
+    variable.access_type = entry.access
+    variable.min, variable.max = entry.low, entry.high
+    variable.pdo_mappable = entry.mappable
     default = entry.default
     if entry.relative and default is not None and not isinstance(default, str):
         default += node_id
-    made.__dict__["default"] = default  # declared as a number, but text is taken as well
-    return made
+    variable.__dict__["default"] = default  # declared as a number, but text works as well
+    return variable

@@ -1,4 +1,4 @@
-"""A vendor's EDS file, read with the canopen library. Common mistakes are corrected, others are refused."""
+"""Read a vendor's EDS file with the canopen library. Common mistakes are corrected before, others are refused."""
 
 import io
 import re
@@ -10,18 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:  # imported where a file is read: few machines have one, and all load this
     from canopen.objectdictionary import ODVariable
 
-CODES = {
-    2: "b",
-    3: "h",
-    4: "i",
-    5: "B",
-    6: "H",
-    7: "I",
-    8: "f",
-}  # CiA 301 data types that a PDO of ours can carry
-OBJECT = re.compile(r"[0-9A-Fa-f]{4}(sub[0-9A-Fa-f]+)?", re.IGNORECASE)
-NUMBERS = ("VendorNumber", "ProductNumber", "RevisionNumber")
-TEXTS = ("VendorName", "ProductName", "OrderCode", "ParameterName")
+CODES = {2: "b", 3: "h", 4: "i", 5: "B", 6: "H", 7: "I", 8: "f"}  # CiA 301 data type: struct code, if a PDO may have it
+OBJECT = re.compile(r"[0-9A-Fa-f]{4}(sub[0-9A-Fa-f]+)?", re.IGNORECASE)  # sections that describe an object
+NUMBERS = ("VendorNumber", "ProductNumber", "RevisionNumber")  # keys of [DeviceInfo] that the library needs
+TEXTS = ("VendorName", "ProductName", "OrderCode", "ParameterName")  # keys whose values are text, not numbers
 
 
 class EdsError(ValueError):
@@ -29,14 +21,18 @@ class EdsError(ValueError):
 
 
 class Eds(NamedTuple):
-    """A vendor's object dictionary and the name of its file."""
+    """A vendor's object dictionary.
+
+    name: name of its file
+    dictionary: a canopen.ObjectDictionary
+    """
 
     name: str
-    dictionary: Any  # canopen.ObjectDictionary
+    dictionary: Any  # canopen.ObjectDictionary, which is not imported here
 
 
 def read(path: Path) -> Eds:
-    """The dictionary of an EDS file. Raises EdsError."""
+    """Read the dictionary of an EDS file. Raises EdsError."""
     from canopen import import_od
 
     parser = _parsed(path)
@@ -44,10 +40,10 @@ def read(path: Path) -> Eds:
         raise EdsError(
             f"{path.name} has no section [DeviceInfo], so it describes no device: ask its vendor for the EDS"
         )
-    _mend(parser)
+    _correct(parser)
     text = io.StringIO()
     parser.write(text)
-    text.name = f"{path.stem}.eds"  # the library decides by the ending of the name
+    text.name = f"{path.stem}.eds"  # the library chooses the format by the ending of the name
     text.seek(0)
     try:
         dictionary = import_od(text)
@@ -59,6 +55,7 @@ def read(path: Path) -> Eds:
 
 
 def _parsed(path: Path) -> RawConfigParser:
+    """Return sections and keys of the file. Raises EdsError."""
     parser = RawConfigParser(inline_comment_prefixes=(";",))
     parser.optionxform = str  # type: ignore[assignment,method-assign]
     try:
@@ -72,7 +69,7 @@ def _parsed(path: Path) -> RawConfigParser:
 
 
 def _text(path: Path) -> str:
-    """EDS files should be ASCII (CiA 306); vendors' names make them UTF-8 or one of the old 8-bit codes."""
+    """Return the text of a file. EDS files should be ASCII (CiA 306); vendors write UTF-8 or an 8-bit code as well."""
     data = path.read_bytes()
     try:
         return data.decode("utf-8-sig")
@@ -80,8 +77,12 @@ def _text(path: Path) -> str:
         return data.decode("latin-1")
 
 
-def _mend(parser: RawConfigParser) -> None:
-    """Inline comments, numbers with leading zeros or none at all, a missing AccessType; drops [Comments]."""
+def _correct(parser: RawConfigParser) -> None:
+    """Correct what the library refuses: inline comments, numbers with leading zeros or none at all, a missing
+    AccessType.
+
+    Drop sections that are not needed and are often wrong.
+    """
     for section in ("Comments", "DeviceComissioning"):
         parser.remove_section(section)
     for section in parser.sections():
@@ -96,18 +97,19 @@ def _mend(parser: RawConfigParser) -> None:
 
 
 def _number(value: str) -> str:
+    """Return a value without an inline comment and, for a number, without leading zeros."""
     bare = value.split(" #", maxsplit=1)[0].strip()
     return bare.lstrip("0") or "0" if re.fullmatch(r"0\d+", bare) else bare
 
 
 def profile(eds: Eds) -> int:
-    """The device profile's number (404: CiA 404), 0 for none."""
+    """Return the number of the device profile (404: CiA 404), 0 for none."""
     default = getattr(eds.dictionary[0x1000], "default", None)
     return default & 0xFFFF if isinstance(default, int) else 0
 
 
 def mapped_code(eds: Eds, index: int, sub: int) -> str:
-    """The struct code of an object that may be mapped into a PDO. Raises EdsError."""
+    """Return the struct code of an object that may be mapped into a PDO. Raises EdsError."""
     place = f"{index:04X}h:{sub}"
     variable = eds.dictionary.get_variable(index, sub)
     if variable is None or not _described(eds, index, sub):
@@ -120,7 +122,7 @@ def mapped_code(eds: Eds, index: int, sub: int) -> str:
 
 
 def _described(eds: Eds, index: int, sub: int) -> bool:
-    """Whether the file describes sub-index `sub` of an array: the library invents members beyond those described."""
+    """Return whether the file describes a sub-index; the library invents further members of an array."""
     from canopen.objectdictionary import ODArray
 
     entry = eds.dictionary[index]
@@ -129,12 +131,13 @@ def _described(eds: Eds, index: int, sub: int) -> bool:
 
 
 def default_mapping(eds: Eds, number: int) -> tuple[tuple[int, int, int], ...]:
-    """(index, sub-index, bits) of what TPDO `number` carries by default."""
+    """Return what TPDO `number` carries by default, as (index, sub-index, bits) of each object."""
     count = _default(eds.dictionary.get_variable(0x1A00 + number - 1, 0))
     entries = (_default(eds.dictionary.get_variable(0x1A00 + number - 1, k)) for k in range(1, count + 1))
     return tuple((entry >> 16, entry >> 8 & 0xFF, entry & 0xFF) for entry in entries)
 
 
 def _default(variable: "ODVariable | None") -> int:
+    """Return the default of a numeric object, 0 where there is none."""
     default = getattr(variable, "default", None)
     return default if isinstance(default, int) else 0

@@ -37,7 +37,7 @@ class Edge:
     def look(self, t_us: int) -> None:
         """At each tick: the bus's own counts."""
         counters = self._bus.counters
-        self.health.look(Tally(self._bus.overflow(), counters.dropped, counters.reopened), t_us)
+        self.health.update(Tally(self._bus.overflow(), counters.dropped, counters.reopened), t_us)
 
     def filter(self, subscribed: frozenset[int]) -> None:
         """Ask the bus for what is wanted, if that has changed; `subscribed`: what the node asks for."""
