@@ -184,7 +184,7 @@ def test_a_log_that_cannot_be_written_now_does_not_keep_the_service_from_startin
     _check_log(tmp_path / "absent" / "run.log", (EXCAVATOR,))
     log = LogWriter(
         tmp_path / "absent" / "run.log", header_of(MACHINE, None, "virtual:nolog", NOTHING_KEPT), 1, "can0",
-        tell=lambda words: None, rotation=Rotation(10**6, 1),
+        report=lambda words: None, rotation=Rotation(10**6, 1),
     )  # fmt: skip
     core = make_core(MACHINE, None)
     daemon = Daemon(MACHINE, core, open_bus("virtual:nolog"), log, NOTHING_KEPT)

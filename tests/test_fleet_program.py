@@ -305,7 +305,7 @@ def test_a_worker_of_another_version_is_refused():
 def write_bus(loaded, table, path):
     """What candump or python-can would have recorded while the sensors sent a table's samples."""
     path.parent.mkdir(parents=True)
-    pieces = open_pieces(table, loaded.service, loaded.columns, tell=lambda _: None)
+    pieces = open_pieces(table, loaded.service, loaded.columns, report=lambda _: None)
     with can.Logger(path) as log:
         for frame in sensor_frames(pieces, loaded.service):
             message = can.Message(1.7e9 + frame.t_us / 1e6, frame.can_id, is_extended_id=False, data=frame.data)

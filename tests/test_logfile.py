@@ -35,7 +35,7 @@ def silent(sentence):
 
 
 def read(path, period_us=PERIOD_US, **options):
-    options.setdefault("tell", silent)
+    options.setdefault("report", silent)
     header, events = read_events(path, period_us, **options)
     return header, list(events)
 
@@ -124,7 +124,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 def test_a_full_disk_ends_the_log_not_the_caller():
     told = []
-    log = written(Path("/dev/full"), [Tick(T0 + k * 10_000) for k in range(500)], tell=told.append)
+    log = written(Path("/dev/full"), [Tick(T0 + k * 10_000) for k in range(500)], report=told.append)
     assert log.lost == 500
     assert told == ["/dev/full: logging stopped: No space left on device; all else goes on"]
 
@@ -139,7 +139,7 @@ def test_a_stalled_disk_ends_the_log_before_memory_does(tmp_path, monkeypatch):
             time.sleep(0.01)
 
     monkeypatch.setattr(LogWriter, "_put", slow)
-    log = LogWriter(tmp_path / "run.log", HEADER, T0, "can0", tell=told.append)
+    log = LogWriter(tmp_path / "run.log", HEADER, T0, "can0", report=told.append)
     for k in range(2000):
         log.log(Tick(T0 + k * 10_000))
     log.close()
@@ -216,7 +216,7 @@ def test_a_cut_last_line_is_left_out_and_told(tmp_path, keep):
     text = path.read_text()
     start = text.rindex("(")
     path.write_text(text[: start + keep])
-    assert read(path, tell=told.append)[1] == [Tick(T0)]
+    assert read(path, report=told.append)[1] == [Tick(T0)]
     assert len(told) == 1
     assert f"line {text.count(chr(10))}, the last, is cut off" in told[0]
 
@@ -250,7 +250,7 @@ FOREIGN_EVENTS = [
 def test_a_foreign_log_gets_ticks_and_our_own_frames_are_told_apart(tmp_path):
     path, told = tmp_path / "candump.log", []
     path.write_text(FOREIGN)
-    assert read(path, own=frozenset({0x18A}), tell=told.append) == (None, FOREIGN_EVENTS)
+    assert read(path, own=frozenset({0x18A}), report=told.append) == (None, FOREIGN_EVENTS)
     assert told == [f"{path}: 2 CAN FD or XL frames were skipped"]
 
 
@@ -380,7 +380,7 @@ def test_fd_frames_are_passed_over_and_error_frames_marked(tmp_path, suffix):
     fd = can.Message(timestamp=1.7e9, arbitration_id=0x185, is_fd=True, data=bytes(12), channel=0)
     error = can.Message(timestamp=1.7e9 + 1e-3, is_error_frame=True, channel=0)
     record(path, [MESSAGES[0], fd, error])
-    frames = [e for e in read(path, tell=told.append)[1] if isinstance(e, Frame)]
+    frames = [e for e in read(path, report=told.append)[1] if isinstance(e, Frame)]
     assert len(frames) == 2
     assert frames[1].can_id & ERROR
     assert told == [f"{path}: 1 CAN FD frames were skipped"]
@@ -394,7 +394,7 @@ def test_a_cut_blf_is_read_as_far_as_it_goes(tmp_path):
     ]
     record(path, many)
     path.write_bytes(path.read_bytes()[:-3_000])
-    frames = [e for e in read(path, tell=told.append)[1] if isinstance(e, Frame)]
+    frames = [e for e in read(path, report=told.append)[1] if isinstance(e, Frame)]
     assert 0 < len(frames) < 20_000
     assert len(told) == 1
     assert "was not closed by its writer" in told[0]
@@ -414,7 +414,7 @@ def test_a_blf_with_fewer_objects_than_its_header_says_is_reported(tmp_path):
     content = bytearray(whole.read_bytes()[: whole.stat().st_size // 2])
     content[16:24] = len(content).to_bytes(8, "little")
     path.write_bytes(content)
-    frames = [e for e in read(path, tell=told.append)[1] if isinstance(e, Frame)]
+    frames = [e for e in read(path, report=told.append)[1] if isinstance(e, Frame)]
     assert 50 < len(frames) < 400
     assert len(told) == 1
     assert f"copy.blf: holds {len(frames)} objects, its header says 401: frames are missing" in told[0]
@@ -424,7 +424,7 @@ def test_a_blf_with_fewer_objects_than_its_header_says_is_reported(tmp_path):
 def test_a_last_line_that_is_cut_off_is_left_out(tmp_path, last):
     path, told = tmp_path / "cut.log", []
     path.write_text(f"(1.000000) can0 185#010203\n(1.010000) can0 185#010203\n{last}")
-    frames = [e for e in read(path, tell=told.append)[1] if isinstance(e, Frame)]
+    frames = [e for e in read(path, report=told.append)[1] if isinstance(e, Frame)]
     assert [frame.data for frame in frames] == [b"\1\2\3"] * 2
     assert told == [f"{path}: line 3, the last, is cut off and was left out"]
 
@@ -445,7 +445,7 @@ def test_a_broken_blf_names_the_frame(tmp_path):
     content[middle : middle + 4] = b"XXXX"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=r"broken\.blf: is broken after frame [1-9]"):
-        read(path, tell=[].append)  # the messages' stamps repeat
+        read(path, report=[].append)  # the messages' stamps repeat
 
 
 ASC = """date Tue Nov 14 22:13:20.000 2023

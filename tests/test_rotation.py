@@ -45,9 +45,9 @@ def written(path, ticks, size, keep, first=0):
     """`ticks` ticks, a new file whenever the writer asks for one; its header names the tick at which it begins."""
     with LogWriter(path, HEADER, T0, "can0", rotation=Rotation(size, keep)) as log:
         for k in range(first, first + ticks):
-            if log.wants_turn:
+            if log.needs_new_file:
                 state = {"zero": float(k), "tare": 0.0}
-                log.turn(lambda state=state: HEADER.model_copy(update={"state": state}), T0 + k)
+                log.begin_file(lambda state=state: HEADER.model_copy(update={"state": state}), T0 + k)
             log.log(Tick(T0 + k * 10_000))
     assert (log.lost, log.failure) == (0, None)
     return parts(path)
@@ -101,7 +101,7 @@ def test_no_older_file_is_kept_if_none_is_wanted(tmp_path):
 def test_without_a_limit_there_is_one_file(tmp_path):
     with LogWriter(tmp_path / "run.log", HEADER, T0, "can0") as log:
         for k in range(5000):
-            assert not log.wants_turn
+            assert not log.needs_new_file
             log.log(Tick(T0 + k * 10_000))
     assert len(parts(tmp_path / "run.log")) == 1
 
@@ -110,7 +110,7 @@ def test_a_disk_that_refuses_the_next_file_ends_the_log_until_it_takes_one(tmp_p
     """The folder is gone when the next file is to begin: told once, all else goes on; it is back: so is the log."""
     folder, away, told = tmp_path / "logs", tmp_path / "elsewhere", []
     folder.mkdir()
-    log = LogWriter(folder / "run.log", HEADER, T0, "can0", tell=told.append, rotation=Rotation(100_000, 1))
+    log = LogWriter(folder / "run.log", HEADER, T0, "can0", report=told.append, rotation=Rotation(100_000, 1))
     log.log(Tick(T0))
     folder.rename(away)
     t_us = ticked(log, T0, 40)
@@ -120,7 +120,7 @@ def test_a_disk_that_refuses_the_next_file_ends_the_log_until_it_takes_one(tmp_p
     away.rename(folder)
     begun = ticked(log, t_us, 15)
     log.close()
-    assert told[1:] == [f"{folder / 'run.log'}: logging goes on"]
+    assert told[1:] == [f"{folder / 'run.log'}: logging continues"]
     assert_without_hole(folder / "run.log", begun)
 
 
@@ -128,8 +128,8 @@ def ticked(log, t_us, seconds):
     """A daemon's ticks for so long, with a turn where the log wants one; the thread gets time. The last time."""
     for _ in range(100 * seconds):
         t_us += 10_000
-        if log.wants_turn:
-            log.turn(lambda: HEADER, t_us)
+        if log.needs_new_file:
+            log.begin_file(lambda: HEADER, t_us)
         log.log(Tick(t_us))
         if t_us % 500_000 < 10_000:
             time.sleep(0.01)
@@ -144,14 +144,14 @@ def assert_without_hole(path, last_us):
 
 def test_a_file_that_cannot_be_opened_at_the_start_is_tried_again(tmp_path):
     told, path = [], tmp_path / "later" / "run.log"
-    log = LogWriter(path, HEADER, T0, "can0", tell=told.append, rotation=Rotation(10_000_000, 1))
+    log = LogWriter(path, HEADER, T0, "can0", report=told.append, rotation=Rotation(10_000_000, 1))
     t_us = ticked(log, T0, 15)
     assert len(told) == 1
     assert "logging stopped: No such file" in told[0]
     path.parent.mkdir()
     last = ticked(log, t_us, 15)
     log.close()
-    assert told[1:] == [f"{path}: logging goes on"]
+    assert told[1:] == [f"{path}: logging continues"]
     assert_without_hole(path, last)
 
 
@@ -159,7 +159,7 @@ def test_a_full_disk_costs_no_older_log_and_is_used_again(tmp_path):
     path, told = tmp_path / "run.log", []
     (tmp_path / "run.1.log").write_text("an older one")
     path.symlink_to("/dev/full")
-    log = LogWriter(path, HEADER, T0, "can0", tell=told.append, rotation=Rotation(10_000_000, 1))
+    log = LogWriter(path, HEADER, T0, "can0", report=told.append, rotation=Rotation(10_000_000, 1))
     last = ticked(log, T0, 40)
     log.close()
     assert ["No space left" in said for said in told] == [True, False]
@@ -189,7 +189,7 @@ def test_a_disk_that_is_nearly_full_is_left_alone(tmp_path, monkeypatch):
 @pytest.mark.parametrize("how", ["renamed", "deleted", "replaced"])
 def test_a_log_that_lost_its_name_begins_a_file_that_has_it(tmp_path, how):
     path, told = tmp_path / "run.log", []
-    log = LogWriter(path, HEADER, T0, "can0", tell=told.append, rotation=Rotation(10_000_000, 5))
+    log = LogWriter(path, HEADER, T0, "can0", report=told.append, rotation=Rotation(10_000_000, 5))
     t_us = ticked(log, T0, 3)
     if how == "deleted":
         path.unlink()
@@ -209,12 +209,12 @@ def test_a_log_that_lost_its_name_begins_a_file_that_has_it(tmp_path, how):
 
 
 def test_attempts_are_ten_seconds_apart(tmp_path):
-    log = LogWriter(tmp_path / "no" / "run.log", HEADER, T0, "can0", tell=lambda _: None, rotation=Rotation(10**6, 1))
+    log = LogWriter(tmp_path / "no" / "run.log", HEADER, T0, "can0", report=lambda _: None, rotation=Rotation(10**6, 1))
     for t in (1, RETRY_US - 1):
         log.log(Tick(T0 + t))
-        assert not log.wants_turn
+        assert not log.needs_new_file
     log.log(Tick(T0 + RETRY_US))
-    assert log.wants_turn
+    assert log.needs_new_file
     log.close()
 
 

@@ -24,7 +24,7 @@ def events_of(path, frames):
     """The events of a candump log of these frames, and what was reported."""
     path.write_text("".join(f"({t // 10**6}.{t % 10**6:06d}) can0 {can_id:03X}#01\n" for t, can_id in frames))
     told = []
-    return list(read_events(path, PERIOD_US, tell=told.append)[1]), told
+    return list(read_events(path, PERIOD_US, report=told.append)[1]), told
 
 
 def frames_of(events):

@@ -19,7 +19,7 @@ from cylforce.can.bus import Bus
 from cylforce.commissioning.identification import identify
 from cylforce.files.logfile import LogWriter
 from cylforce.files.recording import as_frames
-from cylforce.files.rotation import Rotation, older
+from cylforce.files.rotation import Rotation, earlier_files
 from cylforce.files.tables import Table
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import header_of, make_core, model_of
@@ -40,7 +40,7 @@ BEGIN_US = 1_700_000_000_000_000
 PERIOD_US, LATER_US = 10_000, 1_000  # of the steps; after SYNC the sensors answer
 CYCLE_S = 14.0  # a digging cycle takes at least as long
 ROWS = 1_000  # of the work that are made frames at once
-LOG_BYTES, KEPT = 2_000_000, 1000  # of each file of the log, so that many begin in an hour; older ones
+LOG_BYTES, KEPT = 2_000_000, 1000  # of each file of the log, so that many begin in an hour; earlier_files ones
 BEGUN = 1.0 / 6.0  # share of the time after which memory is compared: what is made once has been made
 
 
@@ -163,7 +163,7 @@ def worked(folder: Path, minutes: float, seed: int) -> Hour:
         asyncio.run(served(daemon, steps.count, memory))
     if recorder is not None:
         recorder.close()
-    booking, files = daemon.state.estimate.booking, [*older(log).values(), log]
+    booking, files = daemon.state.estimate.booking, [*earlier_files(log).values(), log]
     again = [stream_replay(loaded, each, tares, lambda _: None) for each in files]
     played = sum(each.compared for each in again), sum(each.different for each in again)
     return Hour(memory, daemon.counts.steps, booking.number if booking else 0, len(files), *played)

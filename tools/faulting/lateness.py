@@ -144,7 +144,7 @@ def measured(case: Case, bus: str, seconds: float, log: Path, probe: Path) -> La
     """A daemon on a bus for so long, with a log, beside the probe."""
     header, period_us = header_of(case.loaded, None, bus, NOTHING_KEPT), case.core.period_us
     sensors = Sensors(bus, case.loaded.service, case.table)
-    writer = LogWriter(log, header, now_us(), bus.partition(":")[2], tell=lambda _: None)
+    writer = LogWriter(log, header, now_us(), bus.partition(":")[2], report=lambda _: None)
     daemon = Daemon(case.loaded, case.core, open_bus(bus), writer, NOTHING_KEPT)
     followed = Followed(daemon, period_us)
     command = (str(probe), str(period_us), str(round(1e6 * seconds / period_us)))

@@ -49,7 +49,7 @@ def parts(work: Work) -> Parts:
     loaded = load(work.folder / "machine.toml")
     core, rated = Core(loaded.service, tares(work, loaded, WHOLE)), loaded.service.machine.rated_payload
     path = work.folder / f"{work.work}.parquet"
-    frames = sensor_frames(open_pieces(path, loaded.service, loaded.columns, tell=lambda _: None), loaded.service)
+    frames = sensor_frames(open_pieces(path, loaded.service, loaded.columns, report=lambda _: None), loaded.service)
     booked: dict[int, tuple[float, float, Variances, tuple[float, ...]]] = {}
     before = core.begin()
     for event in with_ticks(frames, core.period_us, lambda _: None):

@@ -1,6 +1,8 @@
-"""The CAN bus as the event loop uses it. Frames are received by the loop's own reader and sent without waiting; a bus
-that fails is opened again. python-can's Notifier is not used: on a broken bus it hangs or keeps the processor busy, and
-receiving through it takes ten times as long.
+"""The CAN bus as the event loop uses it.
+
+Frames are received by the loop's own reader and sent without waiting. A bus that fails is opened again. python-can's
+Notifier is not used: on a broken bus it blocks or keeps the processor busy, and receiving through it takes ten times as
+long.
 
 No frame is sent over a network to another computer: `remote` accepts 127.0.0.1 only, `udp_multicast` is refused.
 """
@@ -16,8 +18,9 @@ OnFrame = Callable[[Frame], None]
 OnSent = Callable[[int, bytes], None]
 Filter = tuple[int, int]  # identifier and mask, both with SocketCAN's flag bits
 
-BURST = 256  # frames read at one wake-up; then the loop serves its timers, so that many frames cannot delay the ticks
-FIRST_DELAY_S, LAST_DELAY_S = 0.1, 1.0  # wait before a failed bus is opened again, doubled at each attempt
+# Frames read at one wake-up; then the loop serves its timers, so that many frames cannot delay the ticks. Chosen.
+BURST = 256
+FIRST_DELAY_S, LAST_DELAY_S = 0.1, 1.0  # s before a failed bus is opened again, doubled at each attempt; chosen
 
 
 class BusError(Exception):
@@ -26,8 +29,13 @@ class BusError(Exception):
 
 @dataclass(slots=True)
 class Counters:
-    """Counts since the start: frames received and sent; own frames dropped because the queue was full or the bus down;
-    failures of the bus (`errors`); how often it was opened again."""
+    """Counts since the start.
+
+    received, sent: frames
+    dropped: own frames that were not sent, because the queue was full or the bus down
+    errors: failures of the bus
+    reopened: times that the bus was opened again
+    """
 
     received: int = 0
     sent: int = 0
@@ -37,9 +45,14 @@ class Counters:
 
 
 class Bus(ABC):
-    """A CAN bus. `name` is INTERFACE:CHANNEL. A subclass implements the transport: it opens it in `_open`, which may
-    raise OSError or BusError; it counts each received frame and passes it to `_on_frame`; it calls `_sent` after each
-    frame that it sent, and `_lost` when the transport fails."""
+    """A CAN bus, the base class of the transports.
+
+    A subclass opens its transport in `_open`, which may raise OSError or BusError. It counts each received frame and
+    passes it to `_on_frame`. It calls `_sent` after each frame that it sent, and `_lost` when the transport fails.
+
+    name: INTERFACE:CHANNEL
+    counters: counts since the start
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -49,36 +62,44 @@ class Bus(ABC):
         self._on_sent: OnSent = _ignore_sent
         self._delay_s = FIRST_DELAY_S
         self._passed = 0  # frames received and sent until the last failure
-        self._again: asyncio.TimerHandle | None = None
-        self._filters: tuple[Filter, ...] | None = None  # None: every frame
+        self._again: asyncio.TimerHandle | None = None  # the next attempt to open the bus
+        self._filters: tuple[Filter, ...] | None = None  # None: every frame is received
 
     def accept(self, filters: Iterable[Filter]) -> None:
-        """From now on receive only frames that match one of the filters, and the controller's error frames: foreign
-        traffic, however much there is, then costs no time."""
+        """Receive from now on only frames that match one of the filters, and the controller's error frames.
+
+        Traffic between other nodes, however much there is, then costs no time.
+        """
         self._filters = tuple(filters)
 
     def _accepts(self, can_id: int) -> bool:
-        """For a transport that cannot filter by itself."""
+        """Return whether a frame passes the filters, for a transport that cannot filter by itself."""
         if self._filters is None or can_id & ERROR:
             return True
         return any((can_id ^ wanted) & mask == 0 for wanted, mask in self._filters)
 
     def attach(self, loop: asyncio.AbstractEventLoop, on_frame: OnFrame, on_sent: OnSent | None = None) -> None:
-        """From now on `on_frame` is called, in the loop's thread, with each frame received, and `on_sent` with
-        identifier and data of each frame sent."""
+        """Begin to receive on an event loop.
+
+        on_frame: called, in the loop's thread, with each frame received
+        on_sent: called with identifier and data of each frame sent
+        """
         self._loop, self._on_frame, self._on_sent = loop, on_frame, on_sent or _ignore_sent
         self._listen(loop)
 
     @abstractmethod
     def send(self, can_id: int, data: bytes) -> bool:
-        """Send without waiting; `can_id` with SocketCAN's flag bits. False: dropped and counted."""
+        """Send a frame without waiting; return False when it was dropped and counted.
+
+        can_id: identifier with SocketCAN's flag bits
+        """
 
     def overflow(self) -> int:
-        """Received frames lost so far because the receive buffer was full."""
+        """Return the number of received frames that were lost so far because the receive buffer was full."""
         return 0
 
     def close(self) -> None:
-        """Detach and close; may be called twice."""
+        """Detach and close; it may be called twice."""
         if self._again is not None:
             self._again.cancel()
         self._shut()
@@ -94,17 +115,21 @@ class Bus(ABC):
     def _shut(self) -> None: ...
 
     def _sent(self, can_id: int, data: bytes) -> bool:
+        """Count and report a frame that was sent; return True."""
         self.counters.sent += 1
         self._on_sent(can_id, data)
         return True
 
     def _drop(self) -> bool:
+        """Count a frame that was not sent; return False."""
         self.counters.dropped += 1
         return False
 
     def _lost(self) -> None:
-        """The transport failed: close it and open it again later. The wait grows with each failure; it starts again
-        from the shortest once frames have been received or sent."""
+        """Close a transport that failed, and open it again later.
+
+        The wait grows with each failure. It starts again from the shortest once frames have been received or sent.
+        """
         self.counters.errors += 1
         passed = self.counters.received + self.counters.sent
         if passed != self._passed:
@@ -115,6 +140,7 @@ class Bus(ABC):
             self._delay_s = min(2.0 * self._delay_s, LAST_DELAY_S)
 
     def _reopen(self) -> None:
+        """Try to open the transport again."""
         if self._loop is None:
             return
         try:
@@ -127,8 +153,8 @@ class Bus(ABC):
 
 
 def _ignore(frame: Frame) -> None:
-    """Used before `attach` and after `close`: received frames are ignored."""
+    """Ignore received frames, before `attach` and after `close`."""
 
 
 def _ignore_sent(can_id: int, data: bytes) -> None:
-    """Used when no one asked for the frames that were sent."""
+    """Ignore frames that were sent, where they are not reported."""

@@ -1,14 +1,14 @@
 """The only clock: microseconds that never jump, and ticks at absolute deadlines.
 
-`asyncio.sleep` wakes up 0.6 to 2 ms late and drifts; a timerfd on CLOCK_MONOTONIC is 0.1 ms late and does
-not. Python has `os.timerfd_create` only since 3.13, so it is called through ctypes.
+`asyncio.sleep` wakes up 0.6 to 2 ms late and drifts; a timerfd on CLOCK_MONOTONIC is 0.1 ms late and does not. Python
+has `os.timerfd_create` only since 3.13, so it is called through ctypes.
 """
 
 import ctypes
 import os
 import time
 
-_START_NS = time.time_ns() - time.monotonic_ns()
+_START_NS = time.time_ns() - time.monotonic_ns()  # wall clock at monotonic time 0, as it was set at the start
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _ABSOLUTE = 1  # TFD_TIMER_ABSTIME
 
@@ -20,16 +20,22 @@ class _Interval(ctypes.Structure):
 
 
 def now_us() -> int:
-    """Integer microseconds since the epoch: wall clock at start + monotonic time elapsed since, so that
-    setting the wall clock changes nothing."""
+    """Return integer microseconds since the epoch.
+
+    It is the wall clock at the start plus the monotonic time elapsed since, so that setting the wall clock changes
+    nothing.
+    """
     return (_START_NS + time.monotonic_ns()) // 1000
 
 
 class Timer:
     """Expires at `first + k * period_s`, however late its reader is; `fileno()` is then readable (`loop.add_reader`).
 
-    The first expiry is one period after construction. Raises ValueError if the period is not positive,
-    OSError if the kernel has no timer to give."""
+    The first expiry is one period after construction. Raises ValueError if the period is not positive, OSError if the
+    kernel provides no timer.
+
+    period_s: [s]
+    """
 
     def __init__(self, period_s: float) -> None:
         if not 0.0 < period_s < float("inf"):
@@ -38,16 +44,17 @@ class Timer:
         self._first_ns = time.monotonic_ns() + self._period_ns
         self._count = 0
         self._fd = _checked(_LIBC.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
-        every, first = divmod(self._period_ns, 10**9), divmod(self._first_ns, 10**9)
-        _checked(_LIBC.timerfd_settime(self._fd, _ABSOLUTE, ctypes.byref(_Interval(*every, *first)), None))
+        interval = _Interval(*divmod(self._period_ns, 10**9), *divmod(self._first_ns, 10**9))
+        _checked(_LIBC.timerfd_settime(self._fd, _ABSOLUTE, ctypes.byref(interval), None))
 
     def fileno(self) -> int:
-        """File descriptor, non-blocking."""
+        """Return the file descriptor, which is non-blocking."""
         return self._fd
 
     def read(self) -> int:
-        """Number of expirations since the last call; more than 1: the reader was late and has missed the
-        others."""
+        """Return the number of expirations since the last call; more than 1: the reader was late and has missed the
+        others.
+        """
         try:
             expirations = int.from_bytes(os.read(self._fd, 8), "little")
         except BlockingIOError:
@@ -57,17 +64,18 @@ class Timer:
 
     @property
     def deadline_us(self) -> int:
-        """When the expiry that was read last was due, on the scale of `now_us()`."""
+        """Return the time at which the expiry that was read last was due, on the scale of `now_us()` [us]."""
         return (_START_NS + self._first_ns + (self._count - 1) * self._period_ns) // 1000
 
     def close(self) -> None:
-        """Close the timer; may be called twice."""
+        """Close the timer; it may be called twice."""
         if self._fd >= 0:
             os.close(self._fd)
         self._fd = -1
 
 
 def _checked(result: int) -> int:
+    """Return the result of a system call, or raise OSError."""
     if result < 0:
         number = ctypes.get_errno()
         raise OSError(number, f"no timer: {os.strerror(number)}")

@@ -1,4 +1,4 @@
-"""Opening a bus by its name."""
+"""Open a bus by its name."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,9 @@ from cylforce.can.socketcan import SocketCan
 
 
 def open_shared_bus(name: str) -> Bus:
-    """`open_bus` for a program whose counterparts are other programs. Raises BusError with a sentence."""
+    """Open a bus as `open_bus`, for a program that communicates with other programs. Raises BusError with a
+    sentence.
+    """
     if name.startswith("virtual:") and name != "virtual:":
         raise BusError(
             f"{name}: exists inside one process only, so no other program is on it: use socketcan:NAME or "
@@ -18,10 +20,12 @@ def open_shared_bus(name: str) -> Bus:
 
 
 def open_bus(name: str, now: Callable[[], int] = now_us) -> Bus:
-    """A bus by "INTERFACE:CHANNEL": `socketcan:can0`, `virtual:NAME` (inside one process),
-    `remote:127.0.0.1:PORT`.
+    """Open a bus by "INTERFACE:CHANNEL". Raises BusError with a sentence.
 
-    `now` stamps the frames [microseconds]. Raises BusError with a sentence."""
+    Names are `socketcan:can0`, `virtual:NAME` (inside one process), `remote:127.0.0.1:PORT`.
+
+    now: clock that stamps the frames [us]
+    """
     interface, _, channel = name.partition(":")
     if not channel:
         raise BusError(f"the bus {name!r} has no channel: write INTERFACE:CHANNEL, e.g. socketcan:can0")

@@ -1,5 +1,8 @@
-"""Buses for computers without SocketCAN, through python-can: `virtual` inside one process, `remote` between processes
-of this computer through a relay at 127.0.0.1. Unlike a real bus, neither has arbitration or a bit rate."""
+"""Buses for computers without SocketCAN, through python-can.
+
+`virtual` works inside one process, `remote` between processes of this computer through a relay at 127.0.0.1. Unlike a
+real bus, neither has arbitration or a bit rate.
+"""
 
 import asyncio
 import queue
@@ -19,10 +22,11 @@ if TYPE_CHECKING:
     import can_remote
 
 HOST = "127.0.0.1"
-_QUEUE_FRAMES = 5000
+_QUEUE_FRAMES = 5000  # as many as SocketCAN's receive buffer holds; chosen
 
 
 def _message(can_id: int, data: bytes) -> can.Message:
+    """Return python-can's message of a frame."""
     return can.Message(
         arbitration_id=can_id & 0x1FFFFFFF,
         is_extended_id=bool(can_id & EXTENDED),
@@ -33,13 +37,17 @@ def _message(can_id: int, data: bytes) -> can.Message:
 
 
 def _can_id(message: can.Message) -> int:
+    """Return the identifier of a message with SocketCAN's flag bits."""
     flags = (message.is_extended_id and EXTENDED) | (message.is_remote_frame and REMOTE)
     return message.arbitration_id | flags | (message.is_error_frame and ERROR)
 
 
 class _Mailbox(queue.Queue[can.Message]):
-    """A receive queue that calls `arrived` for each frame. A sender never waits: when the queue is full, the frame is
-    lost and counted."""
+    """A receive queue. A sender never waits: when the queue is full, the frame is lost and counted.
+
+    arrived: called for each frame
+    lost: frames that were lost
+    """
 
     def __init__(self, arrived: Callable[[], None]) -> None:
         super().__init__()
@@ -55,9 +63,10 @@ class _Mailbox(queue.Queue[can.Message]):
 
 
 class PythonCan(Bus):
-    """What both have in common: messages of python-can become frames."""
+    """Base class of both buses: converts messages of python-can into frames."""
 
     def _received(self, t_us: int, message: can.Message) -> None:
+        """Pass a message on as a frame, unless it is filtered out."""
         can_id = _can_id(message)
         if self._accepts(can_id):
             self.counters.received += 1
@@ -65,8 +74,14 @@ class PythonCan(Bus):
 
 
 class Virtual(PythonCan):
-    """`virtual:NAME`: python-can's virtual bus, so that other programs in this process can use python-can on it. Frames
-    may come from any thread."""
+    """The bus `virtual:NAME`: python-can's virtual bus, so that other programs in this process can use python-can on
+    it.
+
+    Frames may come from any thread.
+
+    channel: its name
+    now: clock that stamps the frames [us]
+    """
 
     def __init__(self, channel: str, now: Callable[[], int]) -> None:
         super().__init__(f"virtual:{channel}")
@@ -78,6 +93,7 @@ class Virtual(PythonCan):
     def _open(self) -> None:
         self._bus: virtual.VirtualBus | None = virtual.VirtualBus(self._channel)
         with virtual.channels_lock:
+            # python-can's queue is replaced by one that wakes the loop
             place = self._bus.channel.index(self._bus.queue)
             self._bus.channel[place] = self._bus.queue = self._mailbox
 
@@ -90,12 +106,14 @@ class Virtual(PythonCan):
             self._bus = None
 
     def _arrived(self) -> None:
+        """Wake the loop, unless that has been done already; called in any thread."""
         loop = self._loop
         if loop is not None and not loop.is_closed() and not self._woken.is_set():
             self._woken.set()
             loop.call_soon_threadsafe(self._drain)
 
     def _drain(self) -> None:
+        """Receive the frames that wait, at most BURST, then wake the loop again."""
         self._woken.clear()
         t_us = self._now()
         for _ in range(BURST):
@@ -107,19 +125,23 @@ class Virtual(PythonCan):
         self._arrived()
 
     def send(self, can_id: int, data: bytes) -> bool:
-        """See Bus.send."""
+        """Send a frame, see `Bus.send`."""
         if self._bus is None:
             return self._drop()
         self._bus.send(_message(can_id, data))
         return self._sent(can_id, data)
 
     def overflow(self) -> int:
-        """See Bus.overflow."""
+        """Return the number of lost frames, see `Bus.overflow`."""
         return self._mailbox.lost
 
 
 class Remote(PythonCan):
-    """`remote:127.0.0.1:PORT`: a client of the relay (`Relay`, or `python -m can_remote -H 127.0.0.1`)."""
+    """The bus `remote:127.0.0.1:PORT`: a client of the relay (`Relay`, or `python -m can_remote -H 127.0.0.1`).
+
+    channel: address of the relay
+    now: clock that stamps the frames [us]
+    """
 
     def __init__(self, channel: str, now: Callable[[], int]) -> None:
         super().__init__(f"remote:{channel}")
@@ -145,7 +167,7 @@ class Remote(PythonCan):
     def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
         if self._bus is None:
             return
-        if self._bus.socket.fileno() < 0:  # the relay went while it was greeted
+        if self._bus.socket.fileno() < 0:  # the relay ended while the connection was opened
             self._lost()
         else:
             loop.add_reader(self._reader, self._drain)
@@ -161,6 +183,7 @@ class Remote(PythonCan):
         self._bus = None
 
     def _drain(self) -> None:
+        """Receive the frames that wait, at most BURST."""
         t_us = self._now()
         for _ in range(BURST):
             if self._bus is None:
@@ -176,7 +199,7 @@ class Remote(PythonCan):
                 self._received(t_us, message)
 
     def send(self, can_id: int, data: bytes) -> bool:
-        """See Bus.send."""
+        """Send a frame, see `Bus.send`."""
         if self._bus is None:
             return self._drop()
         try:
@@ -190,7 +213,7 @@ class Remote(PythonCan):
 
 
 def _can_remote() -> ModuleType:
-    """The package, which only the extra `remote` installs. Raises BusError with a sentence."""
+    """Return the package, which only the extra `remote` installs. Raises BusError with a sentence."""
     try:
         import can_remote
     except ImportError as error:
@@ -199,8 +222,11 @@ def _can_remote() -> ModuleType:
 
 
 class Relay:
-    """The relay between `remote` buses, in threads of this process: `with Relay() as relay:
-    open_bus(relay.name)`."""
+    """The relay between `remote` buses, in threads of this process: `with Relay() as relay: open_bus(relay.name)`.
+
+    port: port at 127.0.0.1; 0: any free one
+    name: name of the bus
+    """
 
     def __init__(self, port: int = 0) -> None:
         self._server = _can_remote().RemoteServer(HOST, port, interface="virtual", channel=f"relay {id(self)}")

@@ -1,7 +1,8 @@
 """SocketCAN through a raw, non-blocking socket. A frame takes 2 microseconds; python-can takes 5 to 9.
 
 Each frame has the kernel's receive stamp (SO_TIMESTAMPNS), so that frames which wait while the loop is busy keep the
-times at which they came."""
+times at which they came.
+"""
 
 import asyncio
 import errno
@@ -20,25 +21,30 @@ _PAIR = Struct("=II")  # struct can_filter
 _RECEIVE_BUFFER_FORCE, _MEMORY_INFO = 33, 55  # SO_RCVBUFFORCE, SO_MEMINFO
 _BUFFER_BYTES = 4 << 20  # 5000 frames: a second of a full bus
 _STAMP, _TIMESPEC = 35, Struct("@ll")  # SO_TIMESTAMPNS, which is SCM_TIMESTAMPNS too; struct timespec
-_EXTRA = socket.CMSG_SPACE(_TIMESPEC.size)
-_LONGEST_WAIT_US = 1_000_000  # an older stamp is not believed: the wall clock was set meanwhile; chosen
-_BUSY = {errno.ENOBUFS, errno.EAGAIN}
+_EXTRA = socket.CMSG_SPACE(_TIMESPEC.size)  # bytes of ancillary data with one stamp
+_LONGEST_WAIT_US = 1_000_000  # an older stamp is not used: the wall clock was set meanwhile; chosen
+_BUSY = {errno.ENOBUFS, errno.EAGAIN}  # the send queue is full: the bus itself works
 
 
 class SocketCan(Bus):
-    """`socketcan:INTERFACE`. The interface may go down and up, or be removed and plugged in again."""
+    """The bus `socketcan:INTERFACE`. The interface may go down and up, or be removed and plugged in again.
+
+    interface: name of the interface, e.g. can0
+    now: clock that stamps the frames [us]
+    """
 
     def __init__(self, interface: str, now: Callable[[], int]) -> None:
         super().__init__(f"socketcan:{interface}")
         self._interface, self._now = interface, now
         self._socket: socket.socket | None = None
-        self._overflow = 0
+        self._overflow = 0  # frames lost by the sockets that were closed
         try:
             self._open()
         except OSError as error:
             raise BusError(self._sentence(error)) from error
 
     def _sentence(self, error: OSError) -> str:
+        """Return what is wrong and what to do when the bus cannot be opened."""
         if error.errno in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
             return f"{self.name}: this kernel has no SocketCAN; remote:127.0.0.1:PORT works without, on this computer"
         if error.errno == errno.ENODEV:
@@ -59,7 +65,7 @@ class SocketCan(Bus):
         self._socket = opened
 
     def accept(self, filters: Iterable[Filter]) -> None:
-        """See Bus.accept: the kernel filters. Raises BusError for more filters than it takes (512)."""
+        """Filter in the kernel, see `Bus.accept`. Raises BusError for more filters than it takes (512)."""
         super().accept(filters)
         if self._socket is not None:
             try:
@@ -68,6 +74,7 @@ class SocketCan(Bus):
                 raise BusError(f"{self.name}: the kernel takes no {len(self._filters or ())} filters") from error
 
     def _install(self, opened: socket.socket) -> None:
+        """Set the filters of a socket."""
         if self._filters is not None:
             opened.setsockopt(socket.SOL_CAN_RAW, _FILTER, b"".join(_PAIR.pack(*pair) for pair in self._filters))
 
@@ -84,10 +91,11 @@ class SocketCan(Bus):
             self._socket = None
 
     def _drain(self, opened: socket.socket) -> None:
+        """Receive the frames that wait, at most BURST."""
         now_us, wall_ns = self._now(), time.time_ns()
         for _ in range(BURST):
             try:
-                received, extra, _, _ = opened.recvmsg(_FRAME.size, _EXTRA)
+                received, ancillary = opened.recvmsg(_FRAME.size, _EXTRA)[:2]
             except BlockingIOError:
                 return
             except OSError:  # ENETDOWN, ENODEV
@@ -95,12 +103,12 @@ class SocketCan(Bus):
                 return
             self.counters.received += 1
             can_id, length, data = _FRAME.unpack(received)
-            self._on_frame(Frame(now_us - waited_us(extra, wall_ns), can_id, data[:length]))
+            self._on_frame(Frame(now_us - waited_us(ancillary, wall_ns), can_id, data[:length]))
             if self._socket is not opened:  # a receiver of the frame has closed the bus
                 return
 
     def send(self, can_id: int, data: bytes) -> bool:
-        """See Bus.send."""
+        """Send a frame, see `Bus.send`."""
         if self._socket is None:
             return self._drop()
         try:
@@ -112,17 +120,22 @@ class SocketCan(Bus):
         return self._sent(can_id, data)
 
     def overflow(self) -> int:
-        """See Bus.overflow: the kernel's own count for this socket and those before it."""
+        """Return the kernel's own count for this socket and those before it, see `Bus.overflow`."""
         if self._socket is None:
             return self._overflow
         info = self._socket.getsockopt(socket.SOL_SOCKET, _MEMORY_INFO, 36)
         return self._overflow + int.from_bytes(info[32:36], "little")
 
 
-def waited_us(extra: list[tuple[int, int, bytes]], wall_ns: int) -> int:
-    """How long ago [us] a frame came, from its ancillary data `extra` and the wall clock now; 0 when the kernel stamped
-    none, after the frame was asked for, or with a clock that was set since."""
-    for level, kind, data in extra:
+def waited_us(ancillary: list[tuple[int, int, bytes]], wall_ns: int) -> int:
+    """Return how long ago [us] a frame came; 0 without a valid stamp.
+
+    A stamp is invalid when it lies in the future, or so far back that the wall clock was set since.
+
+    ancillary: ancillary data of the frame
+    wall_ns: present wall clock [ns]
+    """
+    for level, kind, data in ancillary:
         if (level, kind) == (socket.SOL_SOCKET, _STAMP):
             seconds, nanoseconds = _TIMESPEC.unpack(data[: _TIMESPEC.size])
             waited = (wall_ns - seconds * 10**9 - nanoseconds) // 1000
@@ -131,7 +144,7 @@ def waited_us(extra: list[tuple[int, int, bytes]], wall_ns: int) -> int:
 
 
 def _enlarge(opened: socket.socket) -> None:
-    """Ask for a larger receive buffer. Only root may exceed the system's limit; others get as much as it allows."""
+    """Request a larger receive buffer. Only root may exceed the system's limit; others get as much as it allows."""
     try:
         opened.setsockopt(socket.SOL_SOCKET, _RECEIVE_BUFFER_FORCE, _BUFFER_BYTES)
     except PermissionError:

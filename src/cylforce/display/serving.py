@@ -22,7 +22,7 @@ from cylforce.display.listener import Listener
 from cylforce.display.panel import Panel
 from cylforce.display.picture import Marks, Painter
 from cylforce.display.stream import Feed
-from cylforce.files.atomic import Tell
+from cylforce.files.atomic import Report
 from cylforce.mechanics.installation import Service
 from cylforce.signals.events import Frame
 
@@ -114,7 +114,7 @@ async def serve_display(served: Served, bus: Bus, listening: socket.socket) -> N
         await paint
 
 
-def run_display(served: Served, bus: Bus, tell: Tell) -> None:
+def run_display(served: Served, bus: Bus, tell: Report) -> None:
     """Serve until SIGTERM or SIGINT; `tell` is given the address. Raises ValueError."""
     with suppress(OSError):
         os.nice(NICE)

@@ -1,4 +1,4 @@
-"""What readers and writers of files share: one kind of error, a way to warn, files that are replaced whole."""
+"""Shared by all readers and writers of files: one class of errors, a way to report, files that are replaced whole."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -7,7 +7,7 @@ from itertools import count
 from pathlib import Path
 from typing import TextIO
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 
 
 BLOCK = 1 << 16  # characters of a recording that are read at once; chosen
@@ -20,24 +20,24 @@ class RecordingError(Exception):
 
 
 def warn(sentence: str) -> None:
-    """Log a sentence about something that does not stop the work."""
-    import structlog  # most commands need it never, or late
+    """Log a sentence about something that does not stop the program."""
+    import structlog  # imported late: most commands never need it
 
     structlog.get_logger("cylforce").warning(sentence)
 
 
 def is_stream(path: Path) -> bool:
-    """Whether a path is a pipe or a device, from which reading may never end."""
+    """Return whether a path is a pipe or a device, from which reading may never end."""
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def is_large(path: Path) -> bool:
-    """Whether a file is larger than any settings are."""
+    """Return whether a file is larger than any settings are."""
     return path.is_file() and path.stat().st_size > LARGEST
 
 
 def lines_of(path: Path, file: TextIO) -> Iterator[str]:
-    """The lines of a text recording, one after the other; raises RecordingError for one that is none."""
+    """Yield the lines of a text recording. Raises RecordingError for a line that is too long."""
     for number in count(1):
         text = file.readline(LONGEST + 1)
         if len(text) > LONGEST:
@@ -48,7 +48,9 @@ def lines_of(path: Path, file: TextIO) -> Iterator[str]:
 
 
 def blocks_of(path: Path, file: TextIO) -> Iterator[str]:
-    """Whole lines of a text recording, some thousand at once; raises RecordingError for one that is none."""
+    """Yield whole lines of a text recording, some thousand at once. Raises RecordingError for a line that is too
+    long.
+    """
     rest, number = "", 1
     while text := file.read(BLOCK):
         whole, newline, rest = (rest + text).rpartition("\n")
@@ -63,7 +65,7 @@ def blocks_of(path: Path, file: TextIO) -> Iterator[str]:
 
 
 def check_ordinary(path: Path) -> None:
-    """Raises RecordingError for a pipe or a device."""
+    """Raise RecordingError for a pipe or a device."""
     if is_stream(path):
         raise RecordingError(f"{path}: is no ordinary file but a pipe or a device: save its data as a file first")
 
@@ -71,14 +73,14 @@ def check_ordinary(path: Path) -> None:
 def check_outputs(
     outputs: Sequence[Path | None], inputs: Iterable[Path | None] = (), suffixes: Sequence[str] = ()
 ) -> None:
-    """Before anything is computed: these files can be written, and replace nothing that this command reads or writes.
-    Where `suffixes` are given, one for each output, a file that exists and ends otherwise is not replaced either: it
-    may be a recording, named by mistake.
+    """Check, before anything is computed, that files can be written and replace nothing that the command reads or
+    writes.
 
-    Raises
-    ------
-    RecordingError
-        For the first that cannot, or would.
+    Raises RecordingError for the first one that cannot, or would.
+
+    outputs: files to write; None: not written
+    inputs: files that the command reads
+    suffixes: one for each output: an existing file with another ending is not replaced, as it may be a recording
     """
     taken = {path.resolve() for path in inputs if path is not None}
     for path, suffix in zip(outputs, suffixes or [""] * len(outputs), strict=True):
@@ -93,6 +95,7 @@ def check_outputs(
 
 
 def _check_place(path: Path) -> None:
+    """Raise RecordingError where no file can be written."""
     if path.is_dir() or not path.parent.is_dir():
         raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
     if is_stream(path):
@@ -107,17 +110,20 @@ def _check_place(path: Path) -> None:
 
 
 def _temporary(path: Path) -> Path:
+    """Return the path under which a file is written until it is complete."""
     return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Path of a temporary file that takes the place of `path` once it is complete: readers see old or new."""
+    """Yield the path of a temporary file that replaces `path` once it is complete: readers see the old or the new
+    file.
+    """
     temporary = _temporary(path)
     try:
         yield temporary
         with temporary.open("rb+") as file:
-            os.fsync(file.fileno())  # else the file may be empty after a power cut
+            os.fsync(file.fileno())  # otherwise the file may be empty after a power cut
         temporary.replace(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error

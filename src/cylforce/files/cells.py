@@ -14,12 +14,17 @@ from numpy.typing import NDArray
 from cylforce.files.atomic import RecordingError, lines_of
 from cylforce.signals.estimate import Array
 
-ROWS = 1 << 15  # in memory at once
-READ_BYTES = 1 << 16  # of each column
+ROWS = 1 << 15  # rows in memory at once; chosen
+READ_BYTES = 1 << 16  # bytes of each column that are read at once; chosen
 
 
 class Cells(NamedTuple):
-    """Numbers (T, columns) as in the file, and where they are: `place` is "line" or "row", with its number (T,)."""
+    """Numbers as in the file, with their places.
+
+    numbers: (T, columns) values of the cells; NaN: empty
+    place: "line" or "row"
+    at: (T,) its number
+    """
 
     numbers: Array
     place: str
@@ -27,10 +32,11 @@ class Cells(NamedTuple):
 
 
 def _positions(path: Path, present: Sequence[str], wanted: Sequence[str]) -> list[int]:
+    """Return the numbers of the wanted columns among those present. Raises RecordingError."""
     missing = [name for name in dict.fromkeys(wanted) if name not in present]
     if missing:
-        there = ", ".join(present) or "none at all"
-        raise RecordingError(f"{path}: has no column {', '.join(missing)}; it has {there}")
+        all_present = ", ".join(present) or "none at all"
+        raise RecordingError(f"{path}: has no column {', '.join(missing)}; it has {all_present}")
     twice = [name for name in wanted if present.count(name) > 1]
     if twice:
         raise RecordingError(f"{path}: has several columns named {twice[0]}; give each a name of its own")
@@ -38,7 +44,7 @@ def _positions(path: Path, present: Sequence[str], wanted: Sequence[str]) -> lis
 
 
 def read_csv(path: Path, names: list[str]) -> Iterator[Cells]:
-    """The named columns of a CSV file, piece by piece; an empty cell is NaN."""
+    """Yield the named columns of a CSV file, piece by piece; an empty cell is NaN."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             yield from _parse_csv(path, file, names)
@@ -49,11 +55,12 @@ def read_csv(path: Path, names: list[str]) -> Iterator[Cells]:
 
 
 def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
+    """Yield the named columns of an open CSV file."""
     lines_read = lines_of(path, file)
     head = next(lines_read, "")
     delimiter = next((mark for mark in ",;\t" if mark in head), ",")
-    _, header = next(_csv_rows(path, iter([head]), delimiter, 0), (1, list[str]()))
-    present = [name.strip() for name in header]
+    header = [row for number, row in _csv_rows(path, iter([head]), delimiter, 0)]
+    present = [name.strip() for name in (header[0] if header else [])]
     positions = _positions(path, present, names)
     numbers, lines = array("d"), array("q")
     for line, row in _csv_rows(path, lines_read, delimiter, 1):
@@ -69,7 +76,7 @@ def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
 
 
 def _csv_rows(path: Path, lines: Iterator[str], delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:
-    """Every row, with its line; so many lines came `before`."""
+    """Yield every row with the number of its line; `before`: number of lines before the first one."""
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     try:
         for row in reader:
@@ -79,6 +86,7 @@ def _csv_rows(path: Path, lines: Iterator[str], delimiter: str, before: int) -> 
 
 
 def _numbers(path: Path, line: int, row: list[str], positions: list[int], names: list[str]) -> list[float]:
+    """Return the numbers at the positions of a row. Raises RecordingError."""
     try:
         return [float(row[k]) for k in positions]
     except ValueError:
@@ -86,6 +94,7 @@ def _numbers(path: Path, line: int, row: list[str], positions: list[int], names:
 
 
 def _number(path: Path, line: int, cell: str, name: str) -> float:
+    """Return the number in a cell, NaN for an empty one. Raises RecordingError."""
     try:
         return float(cell.strip() or "nan")
     except ValueError as error:
@@ -93,7 +102,7 @@ def _number(path: Path, line: int, cell: str, name: str) -> float:
 
 
 def pyarrow(path: Path) -> ModuleType:
-    """The library that reads Parquet. Only the extra `tables` installs it."""
+    """Return the library that reads Parquet. Raises RecordingError where the extra `tables` is not installed."""
     try:
         import_module("pyarrow.parquet")
         return import_module("pyarrow")
@@ -102,7 +111,7 @@ def pyarrow(path: Path) -> ModuleType:
 
 
 def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
-    """The named columns of a Parquet file, piece by piece; a null is NaN."""
+    """Yield the named columns of a Parquet file, piece by piece; a null is NaN."""
     arrow, first = pyarrow(path), 1
     try:
         # without read-ahead, which would load the whole file
@@ -115,10 +124,10 @@ def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
             _check_kinds(path, arrow, dict(zip(schema.names, schema.types, strict=True)), names)
             for part in file.iter_batches(ROWS, columns=list(dict.fromkeys(names))):
                 columns = [part[name].cast(arrow.float64(), safe=False) for name in names]
-                # no null is filled where there is none: that would load a library of a quarter of a second
-                columns = [each.fill_null(np.nan) if each.null_count else each for each in columns]
+                # filling nulls loads a library, which takes a quarter of a second: only where there are any
+                columns = [column.fill_null(np.nan) if column.null_count else column for column in columns]
                 rows = np.arange(first, first := first + part.num_rows)
-                yield Cells(np.stack([np.from_dlpack(each) for each in columns], axis=-1), "row", rows)
+                yield Cells(np.stack([np.from_dlpack(column) for column in columns], axis=-1), "row", rows)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     except arrow.ArrowException as error:
@@ -128,6 +137,7 @@ def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
 
 
 def _check_kinds(path: Path, arrow: ModuleType, kinds: dict[str, object], names: list[str]) -> None:
+    """Raise RecordingError for a column that does not hold numbers."""
     for name in names:
         if not (arrow.types.is_floating(kinds[name]) or arrow.types.is_integer(kinds[name])):
             raise RecordingError(f"{path}: column {name!r} holds {kinds[name]}, not numbers")

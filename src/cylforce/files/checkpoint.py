@@ -1,7 +1,8 @@
 """A program's state as JSON and back, without loss: tuples, numbers, enumerations, arrays, bytes.
 
 A log that continues an earlier one begins with the state of the service at that moment, so that a replay of it alone
-gives the same bytes as the service gave."""
+gives the same bytes as the service gave.
+"""
 
 from array import array
 from base64 import b64decode, b64encode
@@ -13,13 +14,18 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, JsonValue, TypeAdapter
 
 T = TypeVar("T")
-BYTES = "bytes"  # in place of a type of elements
+BYTES = "bytes"  # type of elements of a value that is bytes, not an array
 
 
 class PackedArray(BaseModel):
-    """An array: its elements' type in numpy's notation, its shape, its bytes in base 64. `by_columns`: the order of its
-    elements in memory, because linear algebra may round differently in the other order; `plain`: Python's own array of
-    numbers, not numpy's."""
+    """An array as JSON.
+
+    dtype: type of its elements in numpy's notation, or BYTES
+    shape: its shape
+    by_columns: order of its elements in memory, because linear algebra may round differently in the other order
+    data: its bytes in base 64
+    plain: whether it is Python's own array of numbers, not numpy's
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -31,7 +37,7 @@ class PackedArray(BaseModel):
 
 
 def packed(value: object) -> JsonValue:
-    """The state as JSON: (named) tuples as lists, arrays as their bytes, NaN and infinities as words."""
+    """Return the state as JSON: (named) tuples as lists, arrays as their bytes, NaN and infinities as words."""
     if isinstance(value, np.ndarray):
         return _packed_array(value).model_dump(mode="json")
     if isinstance(value, array):
@@ -48,27 +54,30 @@ def packed(value: object) -> JsonValue:
 
 
 def unpacked(kind: type[T], value: JsonValue) -> T:
-    """The state of type `kind` that was packed. Raises ValueError when it is not one."""
+    """Return the state of type `kind` that was packed. Raises ValueError when the JSON is not of this type."""
     return TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True)).validate_python(_with_arrays(value))
 
 
-def _packed_array(of: NDArray[np.generic]) -> PackedArray:
-    by_columns = of.ndim > 1 and abs(of.strides[0]) < abs(of.strides[-1])
-    data = b64encode(of.tobytes("F" if by_columns else "C")).decode("ascii")
-    return PackedArray(dtype=of.dtype.str, shape=of.shape, by_columns=by_columns, data=data)
+def _packed_array(values: NDArray[np.generic]) -> PackedArray:
+    """Return an array as JSON."""
+    by_columns = values.ndim > 1 and abs(values.strides[0]) < abs(values.strides[-1])
+    data = b64encode(values.tobytes("F" if by_columns else "C")).decode("ascii")
+    return PackedArray(dtype=values.dtype.str, shape=values.shape, by_columns=by_columns, data=data)
 
 
 def _with_arrays(value: JsonValue) -> object:
+    """Return the state with its arrays unpacked, everything else as it is."""
     if isinstance(value, list):
         return [_with_arrays(part) for part in value]
     return _array(PackedArray.model_validate(value)) if isinstance(value, dict) else value
 
 
-def _array(said: PackedArray) -> "NDArray[np.generic] | array[float] | bytes":
-    if said.dtype == BYTES:
-        return b64decode(said.data)
-    order: Literal["C", "F"] = "F" if said.by_columns else "C"
-    flat = np.frombuffer(b64decode(said.data), np.dtype(said.dtype))
-    if said.plain:
+def _array(whole: PackedArray) -> "NDArray[np.generic] | array[float] | bytes":
+    """Return the array that was packed."""
+    if whole.dtype == BYTES:
+        return b64decode(whole.data)
+    order: Literal["C", "F"] = "F" if whole.by_columns else "C"
+    flat = np.frombuffer(b64decode(whole.data), np.dtype(whole.dtype))
+    if whole.plain:
         return array(flat.dtype.char, flat.tobytes())
-    return np.array(flat.reshape(said.shape, order=order), order=order)
+    return np.array(flat.reshape(whole.shape, order=order), order=order)

@@ -1,4 +1,6 @@
-"""Tables whose values are repeated: the exporting program filled its rows with the last value (sample and hold)."""
+"""Detect tables whose values are repeated: the exporting program filled its rows with the last value (sample and
+hold).
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -10,17 +12,18 @@ from cylforce.files.atomic import RecordingError
 from cylforce.files.tables import Table
 from cylforce.signals.estimate import Array
 
-# Leaps in a row between values that are repeated. Measured: at most 2 in 95 tables of another generator, at most 4 with
-# readings in coarse steps, at most 8 with readings that change by a threshold only; in held tables nearly all changes.
+# Consecutive leaps between repeated values that show sample and hold. Measured: at most 2 in 95 tables of another
+# generator, at most 4 with readings in coarse steps, at most 8 with readings that change by a threshold only; in held
+# tables nearly all changes.
 HELD_LEAPS = 20
-COARSE_STEPS = 1.5  # a smaller change is one step of a coarse reading, a larger one is at least two: rounding
+COARSE_STEPS = 1.5  # steps of a reading: a smaller change is one step, a larger one at least two (rounding)
 
 
 class Held(NamedTuple):
     """A signal whose values are repeated.
 
-    signal:  its name
-    from_s:  time of the first value that is repeated [s]
+    signal: its name
+    from_s: time of the first value that is repeated [s]
     every_s: median time between two changes [s]
     """
 
@@ -30,14 +33,14 @@ class Held(NamedTuple):
 
 
 def check_held(path: Path, pieces: Iterable[Table], late_s: Sequence[float]) -> Iterator[Table]:
-    """Yield the pieces of a table; raise RecordingError at the first piece that repeats the values of a signal.
+    """Yield the pieces of a table. Raises RecordingError at the first piece that repeats the values of a signal.
 
-    late_s: of each signal, the age beyond which its value is late [s]
+    late_s: of signal signal, the age beyond which its value is late [s]
     """
     for piece in pieces:
-        if found := held(piece, late_s):
-            first, every = found[0], len(found) == len(piece.signals)
-            names = "all signals" if every else ", ".join(each.signal for each in found)
+        if repeating := held(piece, late_s):
+            first, every = repeating[0], len(repeating) == len(piece.signals)
+            names = "all signals" if every else ", ".join(held_signal.signal for held_signal in repeating)
             raise RecordingError(
                 f"{path}: values are repeated from {first.from_s:.6g} s on ({names}): they change every "
                 f"{first.every_s:.3g} s only, while rows are {np.median(np.diff(piece.t_s)):.3g} s apart: export the "
@@ -47,16 +50,17 @@ def check_held(path: Path, pieces: Iterable[Table], late_s: Sequence[float]) -> 
 
 
 def held(table: Table, late_s: Sequence[float]) -> list[Held]:
-    """Return the signals of a table whose values are repeated while the sensor's reading moves on.
+    """Return the signals of a table whose values are repeated while the sensor's reading changes.
 
     A sensor that is read in each row and moves by several of its steps from one row to the next does not stand still
     before and after that. Where it does for longer than `late_s`, HELD_LEAPS times in a row, rows repeat a value.
     """
-    found = [_held(name, table.t_s, table.values[:, k], late_s[k]) for k, name in enumerate(table.signals)]
-    return [each for each in found if each is not None]
+    signals = [_held(name, table.t_s, table.values[:, k], late_s[k]) for k, name in enumerate(table.signals)]
+    return [signal for signal in signals if signal is not None]
 
 
 def _held(signal: str, t_s: Array, values: Array, late_s: float) -> Held | None:
+    """Return where the values (T,) of a signal are repeated; None where they are not."""
     known = np.isfinite(values)
     t_s, values = t_s[known], values[known]
     sizes = np.abs(np.diff(values))
@@ -65,12 +69,12 @@ def _held(signal: str, t_s: Array, values: Array, late_s: float) -> Held | None:
         return None
     sizes = sizes[changes]
     repeated = t_s[changes[1:]] - t_s[changes[:-1] + 1] > late_s  # value k, for k = 1 ...
-    alone = repeated[:-1] & repeated[1:]  # change k, for k = 1 ... but the last
-    leaps = np.cumsum(alone & (sizes[1:-1] > COARSE_STEPS * np.min(sizes)))
-    in_a_row = leaps - np.maximum.accumulate(np.where(alone, 0, leaps))
-    enough = np.flatnonzero(in_a_row >= HELD_LEAPS)
+    both_repeated = repeated[:-1] & repeated[1:]  # change k, for k = 1 ... but the last
+    leaps = np.cumsum(both_repeated & (sizes[1:-1] > COARSE_STEPS * np.min(sizes)))
+    consecutive = leaps - np.maximum.accumulate(np.where(both_repeated, 0, leaps))
+    enough = np.flatnonzero(consecutive >= HELD_LEAPS)
     if not len(enough):
         return None
-    first = int(np.max(np.flatnonzero(in_a_row[: enough[0]] == 0), initial=-1)) + 1
+    first = int(np.max(np.flatnonzero(consecutive[: enough[0]] == 0), initial=-1)) + 1
     every_s = np.median(np.diff(t_s[changes[first + 1 : enough[0] + 2]]))
-    return Held(signal, float(t_s[changes[first] + 1]), float(every_s))
+    return Held(signal=signal, from_s=float(t_s[changes[first] + 1]), every_s=float(every_s))

@@ -1,8 +1,8 @@
 """The event log: a header, then every event in the order in which the service received it, as candump text.
 
-The header is JSON, eight bytes a line, on a pseudo-channel, in frames of an identifier unused by CANopen.
-Comment lines would be simpler, but wireshark refuses files that contain any. can-utils plays such a log when the bus is
-named (`canplayer -I LOG can0=can0`), which leaves the pseudo-channels out.
+The header is JSON, eight bytes a line, on a pseudo-channel, in frames of an identifier unused by CANopen. Comment lines
+would be simpler, but wireshark refuses files that contain any. can-utils plays such a log when the bus is named
+(`canplayer -I LOG can0=can0`), which leaves the pseudo-channels out.
 """
 
 import hashlib
@@ -23,26 +23,33 @@ from typing import NamedTuple, Self
 from pydantic import BaseModel, ConfigDict, JsonValue
 
 import cylforce
-from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.files.atomic import RecordingError, Report, warn
 from cylforce.files.candump import HEAD, SENT, TICK, Line, Sent, event_lines
-from cylforce.files.rotation import Rotation, check_room, is_elsewhere, opened
+from cylforce.files.rotation import Rotation, check_room, lost_its_name, opened
 from cylforce.signals.events import Event, Frame
 
-FORMAT = 1
-FLUSH_US = 500_000  # when the program is killed, no more than this is lost
-BLOCK_LINES = 4096
-BACKLOG_BYTES = 16_000_000  # minutes of a busy bus: a disk that stalls for longer has failed
-CLOSE_S = 5.0
-RETRY_US = 10_000_000  # after a failure, until a new file is tried; chosen
-_HEAD_ID = 0x7FF
-_CHANNEL = re.compile(r"[A-Za-z][\w.-]{0,14}", re.ASCII)
+FORMAT = 1  # version of the header's format
+FLUSH_US = 500_000  # us of events that are lost at most when the program is killed; chosen
+BLOCK_LINES = 4096  # lines that are passed to the writing thread at once; chosen
+BACKLOG_BYTES = 16_000_000  # minutes of a busy bus: a disk that stalls for longer has failed; chosen
+CLOSE_S = 5.0  # s for which closing waits for the disk; chosen
+RETRY_US = 10_000_000  # us after a failure until a new file is tried; chosen
+_HEAD_ID = 0x7FF  # identifier of the header's frames
+_CHANNEL = re.compile(r"[A-Za-z][\w.-]{0,14}", re.ASCII)  # names of a bus that candump text can carry
 
 
 class Header(BaseModel):
-    """What a replay needs to know before the first event; `machine` and `bus` as given to the program that logged.
+    """What a replay needs before the first event.
 
-    `state`: where the service started from, as JSON: `zero` and `tare` [kg]; in a log that continues an earlier one
-    also `service`, all that it remembered at that moment (see `checkpoint`)."""
+    versions: versions on which the last digit of a result depends
+    machine: path of the machine file, as given to the program that logged
+    machine_sha256: hash of the machine file
+    identified_sha256: hash of the identified file; None: without one
+    state: state from which the service started, as JSON: `zero` and `tare` [kg]; in a log that continues an earlier one
+        also `service`, the whole state at that moment (see `checkpoint`)
+    bus: name of the bus, as given to the program that logged
+    node_id: number of our node
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -56,7 +63,7 @@ class Header(BaseModel):
 
 
 def running_versions() -> dict[str, str]:
-    """Versions on which the last digit of a result depends, besides the events."""
+    """Return the versions on which the last digit of a result depends, besides the events."""
     libraries = {name: version(name) for name in ("numpy", "scipy")}
     return {
         "cylforce": cylforce.__version__,
@@ -67,26 +74,23 @@ def running_versions() -> dict[str, str]:
 
 
 def file_sha256(path: Path) -> str:
-    """Hash of a file's bytes, as `sha256sum` prints it."""
+    """Return the hash of a file's bytes, as `sha256sum` prints it."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def header_lines(header: Header, t_us: int) -> str:
-    """The header as lines of candump text, all at the time that the log begins."""
+    """Return the header as lines of candump text, all stamped with the time at which the log begins [us]."""
     text = json.dumps({"format": FORMAT, **header.model_dump()}, allow_nan=False).encode()
     text += b" " * (-len(text) % 8)
     return event_lines((Frame(t_us, _HEAD_ID, text[k : k + 8]) for k in range(0, len(text), 8)), HEAD)
 
 
 def header_from(path: Path, lines: Iterable[Line]) -> Header | None:
-    """The header in the first lines of a log; None when it has none.
+    """Return the header in the first lines of a log; None when it has none.
 
-    Raises
-    ------
-    RecordingError
-        When it is cut off, or of another format than this version's.
+    Raises RecordingError when the header is cut off, or of another format than this version's.
     """
-    text = b"".join(said.data for said in takewhile(lambda said: said.channel == HEAD, lines))
+    text = b"".join(line.data for line in takewhile(lambda line: line.channel == HEAD, lines))
     if not text:
         return None
     try:
@@ -98,9 +102,13 @@ def header_from(path: Path, lines: Iterable[Line]) -> Header | None:
         raise RecordingError(f"{path}: the log's header is broken, so its start is lost; record anew") from error
 
 
-class _Turn(NamedTuple):
-    """An order to the writing thread: a new file, which begins with this header at this time; `again`: after a
-    failure."""
+class _NewFile(NamedTuple):
+    """An order to the writing thread: begin a new file.
+
+    header: returns its header
+    t_us: time at which it begins [us]
+    again: whether the last file failed
+    """
 
     header: Callable[[], Header]
     t_us: int
@@ -108,15 +116,16 @@ class _Turn(NamedTuple):
 
 
 class LogWriter:
-    """Writes a log and never makes the loop wait: blocks of lines go to a thread, which alone waits for the disk.
+    """Writes a log and never makes the event loop wait: blocks of lines go to a thread, which alone waits for the disk.
 
-    When the disk fails, or stalls for minutes, logging ends: a log with a hole could not be replayed. `tell` is called
-    once about it, on the caller's thread; `lost` counts the events that are not in the file.
+    When the disk fails, or stalls for minutes, logging ends: a log with a hole could not be replayed. This is reported
+    once, on the caller's thread. With a rotation the writer `needs_new_file` when the file is full, when it no longer
+    has its name, and, after a failure, every RETRY_US. The caller then calls `begin_file`, because only the caller has
+    the header of the next file, and decides when it can begin. A file that cannot be opened at the start is then a
+    failure like any other; without a rotation it raises RecordingError.
 
-    With a `rotation` the writer `wants_turn` when the file is full, when it no longer has its name, and, after a
-    failure, every RETRY_US: the caller then gives a `turn`, for only the caller knows the header that the next file
-    needs, and when it can begin. A file that cannot be opened at the start is then a failure like any other; without a
-    rotation it raises RecordingError.
+    header: header of the first file
+    failure: why logging stopped; None: it works
     """
 
     def __init__(
@@ -125,30 +134,39 @@ class LogWriter:
         header: Header,
         t_us: int,
         channel: str,
-        tell: Tell = warn,
+        report: Report = warn,
         rotation: Rotation | None = None,
     ) -> None:
-        """`channel` is the bus's name; names that candump text cannot carry are written as can0."""
+        """Open the file and start the thread.
+
+        path: the file
+        header: its header
+        t_us: time at which the log begins [us]
+        channel: name of the bus; a name that candump text cannot carry is written as can0
+        report: called with a sentence about a failure
+        rotation: limits of size and number of files; None: one file
+        """
         writable = _CHANNEL.fullmatch(channel) and channel not in (HEAD, TICK, SENT)
-        self._path, self._channel, self._tell = path, channel if writable else "can0", tell
+        self._path, self._channel, self._report = path, channel if writable else "can0", report
         self.header, self._rotation = header, rotation
         self._room = rotation.size if rotation else 0
         self.failure: str | None = None
-        self._logged = self._handed = 0  # the loop's counts: events, bytes
-        self._kept = self._done = 0  # the thread's
-        self._events: list[Event | Sent] = []
-        self._begun = self._now_us = self._failed_us = t_us
-        self._told = False  # that it fails
-        self._elsewhere = self._resumed = False  # the thread's: the file lost its name; a failure is over
+        self._logged = self._passed = 0  # counted by the loop: events logged, bytes passed to the thread
+        self._written = self._done = 0  # counted by the thread: events written, bytes processed
+        self._events: list[Event | Sent] = []  # not yet passed to the thread
+        self._block_us = self._now_us = self._failed_us = t_us  # times: of the last block, event, failure
+        self._reported = False  # whether the present failure was reported
+        self._lost_name = self._resumed = False  # set by the thread: the file lost its name; a failure is over
         self._file, self._error = self._first()
-        self._blocks: SimpleQueue[tuple[bytes, int] | _Turn | None] = SimpleQueue()
+        self._blocks: SimpleQueue[tuple[bytes, int] | _NewFile | None] = SimpleQueue()
         self._thread = Thread(target=self._drain, name="event log", daemon=True)
         self._thread.start()
-        self._hand(header_lines(header, t_us).encode("ascii"), 0)
+        self._pass(header_lines(header, t_us).encode("ascii"), 0)
         if self._error is not None:
             self._fail(self._error)
 
     def _first(self) -> tuple[FileIO | None, OSError | None]:
+        """Open the first file; return the file or, with a rotation, the error."""
         try:
             return opened(self._path, self._rotation), None
         except OSError as error:
@@ -158,8 +176,8 @@ class LogWriter:
 
     @property
     def lost(self) -> int:
-        """Events that did not reach a file; known once logging has failed or ended."""
-        return self._logged - self._kept if self.failure else 0
+        """Return the number of events that did not reach a file; known once logging has failed or ended."""
+        return self._logged - self._written if self.failure else 0
 
     def log(self, event: Event | Sent) -> None:
         """Log an event, before the service processes it, or a frame that our node sent."""
@@ -167,61 +185,69 @@ class LogWriter:
         self._now_us = event.t_us
         if self.failure is None:
             self._events.append(event)
-            if len(self._events) >= BLOCK_LINES or not 0 <= event.t_us - self._begun < FLUSH_US:
-                self._begun = event.t_us
+            if len(self._events) >= BLOCK_LINES or not 0 <= event.t_us - self._block_us < FLUSH_US:
+                self._block_us = event.t_us
                 self.flush()
 
     @property
-    def wants_turn(self) -> bool:
-        """Whether the caller should give a `turn`: the file is full, lost its name, or a failure may be over."""
+    def needs_new_file(self) -> bool:
+        """Return whether the caller should call `begin_file`: the file is full, lost its name, or a failure may be
+        over.
+        """
         if self._rotation is None:
             return False
         if self.failure is not None:
-            stalled = self._handed - self._done > BACKLOG_BYTES // 2
+            stalled = self._passed - self._done > BACKLOG_BYTES // 2
             return not stalled and not 0 <= self._now_us - self._failed_us < RETRY_US
-        return self._room <= 0 or self._elsewhere
+        return self._room <= 0 or self._lost_name
 
-    def turn(self, header: Callable[[], Header], t_us: int) -> None:
-        """Begin a new file: the events logged so far stay in the old one. `header` is called on the writing thread."""
+    def begin_file(self, header: Callable[[], Header], t_us: int) -> None:
+        """Begin a new file; the events logged so far stay in the old one.
+
+        header: returns the header, called on the writing thread
+        t_us: time at which it begins [us]
+        """
         if self._rotation is None:
             return
         if self.failure is None:
             self.flush()
         again, self.failure, self._error = self.failure is not None, None, None
-        self._room, self._elsewhere = self._rotation.size, False
-        self._blocks.put(_Turn(header, t_us, again))
+        self._room, self._lost_name = self._rotation.size, False
+        self._blocks.put(_NewFile(header, t_us, again))
 
     def flush(self) -> None:
-        """Pass the events gathered so far to the writing thread, as lines."""
+        """Pass the events logged so far to the writing thread, as lines."""
         block, events = event_lines(self._events, self._channel).encode("ascii"), len(self._events)
         self._events.clear()
         if self._resumed:
-            self._resumed = self._told = False
-            self._tell(f"{self._path}: logging goes on")
-        if self._handed - self._done > BACKLOG_BYTES:
+            self._resumed = self._reported = False
+            self._report(f"{self._path}: logging continues")
+        if self._passed - self._done > BACKLOG_BYTES:
             self._error = self._error or TimeoutError(None, "the disk does not keep up")
         if self._error is None:
-            self._hand(block, events)
+            self._pass(block, events)
         else:
             self._fail(self._error)
 
-    def _hand(self, block: bytes, events: int) -> None:
-        self._handed += len(block)
+    def _pass(self, block: bytes, events: int) -> None:
+        """Pass a block of lines to the writing thread."""
+        self._passed += len(block)
         self._room -= len(block)
         self._blocks.put((block, events))
 
     def _fail(self, error: OSError) -> None:
+        """Note a failure, and report it once."""
         if self.failure is not None:
             return
         again = "" if self._rotation is None else f", and is tried again every {RETRY_US // 1_000_000} s"
         self.failure = f"{self._path}: logging stopped: {error.strerror or error}; all else goes on{again}"
         self._failed_us = self._now_us
-        if not self._told:
-            self._told = True
-            self._tell(self.failure)
+        if not self._reported:
+            self._reported = True
+            self._report(self.failure)
 
     def close(self) -> None:
-        """Write the rest out, and wait for it a few seconds."""
+        """Write the remaining events, and wait for it a few seconds."""
         self.flush()
         self._blocks.put(None)
         self._thread.join(CLOSE_S)
@@ -231,56 +257,63 @@ class LogWriter:
             self._fail(self._error)
 
     def _drain(self) -> None:
-        """The thread. After an error, whose file has a hole, nothing is written until a new file begins."""
+        """Run the writing thread. After an error, which leaves a hole in its file, nothing is written until a new file
+        begins.
+        """
         while (order := self._blocks.get()) is not None:
-            if isinstance(order, _Turn):
+            if isinstance(order, _NewFile):
                 self._begin(order)
             else:
                 self._put(*order)
         if self._file is not None:
             self._file.close()
 
-    def _begin(self, turn: _Turn) -> None:
+    def _begin(self, new_file: _NewFile) -> None:
+        """Close the file and begin a new one, on the thread."""
         try:
-            self._leave()
-            if turn.again and self._rotation is not None:
+            self._close_file()
+            if new_file.again and self._rotation is not None:
                 check_room(self._path, self._rotation)
             self._file = opened(self._path, self._rotation)
         except OSError as error:
             self._broken(error)
             return
         try:
-            self._write(self._file, header_lines(turn.header(), turn.t_us).encode("ascii"))
-            self._resumed = turn.again
+            self._write(self._file, header_lines(new_file.header(), new_file.t_us).encode("ascii"))
+            self._resumed = new_file.again
         except OSError as error:
             self._broken(error)
             with suppress(OSError):
-                self._path.unlink()  # else each attempt would push an older log out
+                self._path.unlink()  # otherwise each attempt would push an older log out
 
     def _put(self, block: bytes, events: int) -> None:
+        """Write a block of lines, on the thread."""
         self._done += len(block)
         if self._file is None:
             return
         try:
             self._write(self._file, block)
-            self._elsewhere = self._rotation is not None and is_elsewhere(self._path, self._file)
+            self._lost_name = self._rotation is not None and lost_its_name(self._path, self._file)
         except OSError as error:
             self._broken(error)
         else:
-            self._kept += events
+            self._written += events
 
     def _broken(self, error: OSError) -> None:
+        """Note an error and close the file, on the thread."""
         self._error = error
         with suppress(OSError):
-            self._leave()
+            self._close_file()
 
-    def _leave(self) -> None:
+    def _close_file(self) -> None:
+        """Close the file, on the thread."""
         file, self._file = self._file, None
         if file is not None:
             file.close()
 
     @staticmethod
     def _write(file: FileIO, block: bytes) -> None:
+        """Write all bytes: one call may write a part of them."""
         rest = memoryview(block)
         while rest:
             rest = rest[file.write(rest) :]

@@ -1,18 +1,18 @@
-"""Recordings of a bus, read as events: our own logs and candump's, .blf and .asc."""
+"""Read recordings of a bus as events: our own logs and candump's, .blf and .asc."""
 
 from collections.abc import Iterator
 from io import StringIO
 from itertools import starmap
 from pathlib import Path
 
-from cylforce.files.atomic import RecordingError, Tell, blocks_of, check_ordinary, warn
+from cylforce.files.atomic import RecordingError, Report, blocks_of, check_ordinary, warn
 from cylforce.files.candump import Line, Parts, Sent, is_newer_frame, own_events, parts, parts_of
 from cylforce.files.logfile import Header, header_from
 from cylforce.files.stamps import Cuts, without_strays
 from cylforce.signals.events import Event, Frame, Tick
 
 SUFFIXES = (".log", ".blf", ".asc")
-GAP_US = 60_000_000  # after a longer pause the clock is assumed to have been set: no ticks are made within it; chosen
+GAP_US = 60_000_000  # us; a longer pause means that the clock was set: no ticks are made within it; chosen
 
 
 def read_events(
@@ -21,43 +21,47 @@ def read_events(
     *,
     channel: str | None = None,
     own: frozenset[int] = frozenset(),
-    tell: Tell = warn,
+    report: Report = warn,
 ) -> tuple[Header | None, Iterator[Event | Sent]]:
-    """The header (None if the log is not ours) and the events, read from the file as they are asked for.
+    """Return the header (None if the log is not ours) and the events, which are read from the file as they are
+    consumed.
 
     Our own logs contain their ticks. For all others ticks are made at each multiple of `period_us` after the first
-    frame, behind the frames up to that moment; frames with an identifier in `own` come as `Sent`. `channel` chooses one
-    bus of several. CAN FD and XL frames are skipped, and so are frames with a wrong stamp (`stamps.without_strays`).
+    frame, behind the frames up to that moment. CAN FD and XL frames are skipped, and so are frames with a wrong stamp
+    (`stamps.without_strays`). Raises RecordingError, at once or while reading, which names the file, and the line where
+    there are lines.
 
-    Raises
-    ------
-    RecordingError
-        At once or while reading: naming the file, and the line where there are lines.
+    period_us: period of the service's steps [us]
+    channel: chooses one bus of several
+    own: identifiers of our node; frames with them become `Sent`
+    report: called with a sentence about what was left out
     """
     header = log_header(path)
     if header is not None:
-        return header, own_events(_candump(path, tell, ours=True))
-    said = _one_channel(path, _lines(path, tell), channel)
-    frames = (Frame(s.t_us, s.can_id, s.data) for s in said)
-    timely = without_strays((_as_event(f, own) for f in frames), period_us, str(path), tell)
-    return None, with_ticks(timely, period_us, tell, str(path))
+        return header, own_events(_candump(path, report, ours=True))
+    lines = _one_channel(path, _lines(path, report), channel)
+    frames = (Frame(line.t_us, line.can_id, line.data) for line in lines)
+    timely = without_strays((_as_event(f, own) for f in frames), period_us, str(path), report)
+    return None, with_ticks(timely, period_us, report, str(path))
 
 
 def _as_event(frame: Frame, own: frozenset[int]) -> Frame | Sent:
-    return Sent(*frame) if frame.can_id in own else frame
+    """Return a frame, as `Sent` if its identifier is one of our node."""
+    return Sent(frame.t_us, frame.can_id, frame.data) if frame.can_id in own else frame
 
 
 def with_ticks(
-    frames: Iterator[Frame | Sent], period_us: int, tell: Tell = warn, name: str = "the recording"
+    frames: Iterator[Frame | Sent], period_us: int, report: Report = warn, name: str = "the recording"
 ) -> Iterator[Event | Sent]:
-    """Yield the frames, and a tick at each multiple of `period_us` after the first, up to one tick behind the last.
+    """Yield the frames, and a tick at each multiple of `period_us` after the first, up to one tick behind the last
+    frame.
 
-    Where the clock steps back by more than `period_us`, or ahead by more than GAP_US, `tell` is called with a sentence
-    on the recording of that `name`, and ticks begin anew.
+    Where the clock steps back by more than `period_us`, or ahead by more than GAP_US, this is reported with the
+    recording's name, and ticks begin anew.
     """
     due: int | None = None
     newest = 0  # latest stamp since ticks began
-    cuts = Cuts(name, tell)
+    cuts = Cuts(name, report)
     for frame in frames:
         if due is None or not newest - period_us <= frame.t_us <= due + GAP_US:
             if due is not None:
@@ -74,7 +78,9 @@ def with_ticks(
 
 
 def log_header(path: Path) -> Header | None:
-    """The header of one of our own logs; None for any other recording. Raises RecordingError if it cannot be read."""
+    """Return the header of one of our own logs; None for any other recording. Raises RecordingError if it cannot be
+    read.
+    """
     if path.suffix.lower() != ".log":
         return None
     check_ordinary(path)
@@ -83,52 +89,51 @@ def log_header(path: Path) -> Header | None:
     return header_from(path, starmap(Line, _candump(path, lambda _: None, ours=False)))
 
 
-def _lines(path: Path, tell: Tell) -> Iterator[Line]:
+def _lines(path: Path, report: Report) -> Iterator[Line]:
+    """Yield the lines of a recording of any format."""
     if path.suffix.lower() == ".log":
-        return starmap(Line, _candump(path, tell, ours=False))
+        return starmap(Line, _candump(path, report, ours=False))
     if path.suffix.lower() in SUFFIXES:
         from cylforce.files.messages import messages  # with python-can's readers, which take a while to import
 
-        return messages(path, tell)
+        return messages(path, report)
     raise RecordingError(f"{path}: is none of the recordings that can be read ({', '.join(SUFFIXES)})")
 
 
 def _one_channel(path: Path, lines: Iterator[Line], channel: str | None) -> Iterator[Line]:
-    """The lines of one bus, where there are any: two buses must not be merged into one."""
-    chosen, seen = channel, set()
-    for said in lines:
-        seen.add(said.channel)
+    """Yield the lines of one bus: two buses must not be merged into one. Raises RecordingError."""
+    chosen, present = channel, set()
+    for line in lines:
+        present.add(line.channel)
         if chosen is None:
-            chosen = said.channel
-        if said.channel == chosen:
-            yield said
+            chosen = line.channel
+        if line.channel == chosen:
+            yield line
         elif channel is None:
-            raise RecordingError(f"{path}: holds several buses ({chosen}, {said.channel}, ...): choose one")
-    if chosen not in seen:
-        raise RecordingError(f"{path}: holds no frame{f' of {channel}' if channel else ''}{_but(seen)}")
+            raise RecordingError(f"{path}: holds several buses ({chosen}, {line.channel}, ...): choose one")
+    if chosen not in present:
+        others = f", only of {', '.join(sorted(present))}" if present else ""
+        raise RecordingError(f"{path}: holds no frame{f' of {channel}' if channel else ''}{others}")
 
 
-def _but(seen: set[str]) -> str:
-    return f", only of {', '.join(sorted(seen))}" if seen else ""
-
-
-def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Parts]:
+def _candump(path: Path, report: Report, *, ours: bool) -> Iterator[Parts]:
+    """Yield the lines of candump text; `ours`: of our own log, whose last line may be cut off."""
     skipped = number = 0
     try:
         with path.open(encoding="latin-1", newline="\n") as file:
             for block in blocks_of(path, file):
-                whole = parts_of(block)
-                if whole is not None:
-                    number += len(whole)
-                    yield from whole
+                block_lines = parts_of(block)
+                if block_lines is not None:
+                    number += len(block_lines)
+                    yield from block_lines
                     continue
                 for text in StringIO(block):
                     number += 1
-                    said = parts(text)
-                    if not text.endswith("\n") and (ours or said is None):
-                        tell(f"{path}: line {number}, the last, is cut off and was left out")
-                    elif said is not None:
-                        yield said
+                    line = parts(text)
+                    if not text.endswith("\n") and (ours or line is None):
+                        report(f"{path}: line {number}, the last, is cut off and was left out")
+                    elif line is not None:
+                        yield line
                     elif is_newer_frame(text):
                         skipped += 1
                     elif text[0] not in "#\r\n":
@@ -136,26 +141,31 @@ def _candump(path: Path, tell: Tell, *, ours: bool) -> Iterator[Parts]:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     if skipped:
-        tell(f"{path}: {skipped} CAN FD or XL frames were skipped")
+        report(f"{path}: {skipped} CAN FD or XL frames were skipped")
 
 
 def mismatches(path: Path, recorded: Header, now: Header) -> tuple[str, ...]:
-    """Why a replay with the present files and versions may differ from the recording: one sentence for each
-    difference."""
-    found = []
+    """Return why a replay with the present files and versions may differ from the recording, one sentence a difference.
+
+    path: the recording
+    recorded: header of the recording
+    now: header that a log would have now
+    """
+    reasons = []
     if recorded.machine_sha256 != now.machine_sha256:
-        found.append(f"{path} was recorded with another machine file ({recorded.machine}) than {now.machine}")
+        reasons.append(f"{path} was recorded with another machine file ({recorded.machine}) than {now.machine}")
     if recorded.identified_sha256 != now.identified_sha256:
-        found.append(f"{path} was recorded with {_identified(recorded)}, this is with {_identified(now)}")
+        reasons.append(f"{path} was recorded with {_identified(recorded)}, this is with {_identified(now)}")
     if recorded.node_id != now.node_id:
-        found.append(f"{path} was recorded as node {recorded.node_id}, not as node {now.node_id}")
+        reasons.append(f"{path} was recorded as node {recorded.node_id}, not as node {now.node_id}")
     for name in sorted({*recorded.versions, *now.versions}):
-        there, here = recorded.versions.get(name, "none"), now.versions.get(name, "none")
-        if there != here:
-            found.append(f"{path} was recorded with {name} {there}, this is {name} {here}: digits may differ")
-    return tuple(found)
+        before, present = recorded.versions.get(name, "none"), now.versions.get(name, "none")
+        if before != present:
+            reasons.append(f"{path} was recorded with {name} {before}, this is {name} {present}: digits may differ")
+    return tuple(reasons)
 
 
 def _identified(header: Header) -> str:
+    """Return the identified file of a header in words."""
     sha256 = header.identified_sha256
     return "no identified file" if sha256 is None else f"the identified file of sha256 {sha256[:12]}"

@@ -1,4 +1,4 @@
-"""Frames of .blf and .asc recordings, by python-can's readers."""
+"""Read the frames of .blf and .asc recordings with python-can's readers."""
 
 import struct
 import zlib
@@ -11,7 +11,7 @@ from can import Message
 from can.io.asc import ASCReader
 from can.io.blf import OBJ_HEADER_BASE_STRUCT, BLFParseError, BLFReader
 
-from cylforce.files.atomic import RecordingError, Tell
+from cylforce.files.atomic import RecordingError, Report
 from cylforce.files.candump import Line
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE
 
@@ -19,7 +19,10 @@ _BROKEN = (BLFParseError, struct.error, zlib.error, ValueError, LookupError, EOF
 
 
 class _CountedLines(TextIOWrapper):
-    """A text file that counts the lines read: python-can's errors do not name the line."""
+    """A text file that counts the lines read: python-can's errors do not name the line.
+
+    number: lines read so far
+    """
 
     number = 0
 
@@ -30,8 +33,12 @@ class _CountedLines(TextIOWrapper):
 
 
 class _CountedObjects(BLFReader):
-    """A BLF file whose objects of all kinds are counted, as its header counts them: python-can leaves out in silence
-    what it does not know, or what is missing between two containers."""
+    """A BLF file that counts its objects of all kinds, as its header counts them.
+
+    python-can omits silently what it does not support, and what is missing between two containers.
+
+    number: objects read so far
+    """
 
     number = 0
 
@@ -43,7 +50,9 @@ class _CountedObjects(BLFReader):
 
 
 def _whole_objects(data: bytes) -> int:
-    """Number of objects in data that ends between two objects; up to 7 bytes of padding stand between them."""
+    """Return the number of objects in data that ends between two objects; up to 7 bytes of padding stand between
+    them.
+    """
     number, begin = 0, data.find(b"LOBJ")
     while begin >= 0:
         number += 1
@@ -52,35 +61,37 @@ def _whole_objects(data: bytes) -> int:
     return number
 
 
-def messages(path: Path, tell: Tell) -> Iterator[Line]:
-    """The classic frames of a recording; channels are numbers from 0, times of .asc files begin near 0.
+def messages(path: Path, report: Report) -> Iterator[Line]:
+    """Yield the classic frames of a recording.
 
-    Raises
-    ------
-    RecordingError
-        When it cannot be read. An unfinished end, which a killed program leaves, is left out with a warning instead.
+    Channels are numbers from 0, times of .asc files begin near 0. Raises RecordingError when the file cannot be read.
+    An unfinished end, which a killed program leaves, is left out with a warning instead.
+
+    report: called with a sentence about what was left out
     """
     skipped = 0
     try:
         with path.open("rb") as file:
-            for message in _asc(path, file) if path.suffix.lower() == ".asc" else _blf(path, file, tell):
+            for message in _asc(path, file) if path.suffix.lower() == ".asc" else _blf(path, file, report):
                 skipped += message.is_fd
                 if not message.is_fd:
                     yield _line(message)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     if skipped:
-        tell(f"{path}: {skipped} CAN FD frames were skipped")
+        report(f"{path}: {skipped} CAN FD frames were skipped")
 
 
 def _line(message: Message) -> Line:
+    """Return python-can's message as a line."""
     flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
     can_id = message.arbitration_id | (ERROR if message.is_error_frame else flags)
     data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
     return Line(str(message.channel), round(message.timestamp * 1e6), can_id, data)
 
 
-def _blf(path: Path, file: BinaryIO, tell: Tell) -> Iterator[Message]:
+def _blf(path: Path, file: BinaryIO, report: Report) -> Iterator[Message]:
+    """Yield the messages of a .blf file; report frames that are missing."""
     number = objects = expected = 0
     try:
         reader = _CountedObjects(file)
@@ -94,14 +105,17 @@ def _blf(path: Path, file: BinaryIO, tell: Tell) -> Iterator[Message]:
             raise RecordingError(f"{path}: is broken after frame {number}: {_text(error)}") from error
         whole = False
     if not whole:
-        tell(f"{path}: was not closed by its writer, or not copied whole; frames after number {number} may be missing")
+        report(
+            f"{path}: was not closed by its writer, or not copied whole; frames after number {number} may be missing"
+        )
     elif objects < expected:
-        tell(
+        report(
             f"{path}: holds {objects} objects, its header says {expected}: frames are missing; copy or export it again"
         )
 
 
 def _asc(path: Path, file: BinaryIO) -> Iterator[Message]:
+    """Yield the messages of an .asc file."""
     text = _CountedLines(file, encoding="latin-1")
     try:
         reader = ASCReader(text)
@@ -114,4 +128,5 @@ def _asc(path: Path, file: BinaryIO) -> Iterator[Message]:
 
 
 def _text(error: Exception) -> str:
+    """Return the text of an error, its class where it has none."""
     return str(error) or type(error).__name__

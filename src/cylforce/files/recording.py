@@ -1,4 +1,4 @@
-"""Opens any recording: frames as events, tables as samples; both can be played as frames."""
+"""Open any recording: frames as events, tables as samples; both can be played as frames."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.files import logreader, tables
-from cylforce.files.atomic import RecordingError, Tell, check_ordinary, warn
+from cylforce.files.atomic import RecordingError, Report, check_ordinary, warn
 from cylforce.files.candump import Sent
 from cylforce.files.held import check_held
 from cylforce.files.logfile import Header
@@ -25,7 +25,11 @@ SYNC, EMCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x080, 0x580, 0x600, 0
 
 
 class Events(NamedTuple):
-    """A recording of a bus; `header` is None if it is not our own log."""
+    """A recording of a bus.
+
+    header: header of our own log; None: another program's recording
+    events: its events, and the frames that our node sent
+    """
 
     header: Header | None
     events: Iterator[Event | Sent]
@@ -37,19 +41,18 @@ def open_recording(
     mapping: TableMap | None = None,
     *,
     channel: str | None = None,
-    tell: Tell = warn,
+    report: Report = warn,
 ) -> Events | Table:
-    """The recording's events (.log, .blf, .asc) or its samples at the service's rate (.csv, .parquet).
+    """Open a recording; return its events (.log, .blf, .asc) or its samples at the service's rate (.csv, .parquet).
 
-    `mapping` applies to tables only, `channel` chooses the bus of a log that holds several.
+    Raises RecordingError, at once or while events are read.
 
-    Raises
-    ------
-    RecordingError
-        At once, or while events are read.
+    mapping: how the table of another program is read
+    channel: chooses the bus of a log that holds several
+    report: called with a sentence about what was left out
     """
-    found = open_pieces(path, service, mapping, channel=channel, tell=tell)
-    return found if isinstance(found, Events) else joined(list(found))
+    recording = open_pieces(path, service, mapping, channel=channel, report=report)
+    return recording if isinstance(recording, Events) else joined(list(recording))
 
 
 def open_pieces(
@@ -58,9 +61,9 @@ def open_pieces(
     mapping: TableMap | None = None,
     *,
     channel: str | None = None,
-    tell: Tell = warn,
+    report: Report = warn,
 ) -> Events | Iterator[Table]:
-    """The same; a table's samples piece by piece, as they are read."""
+    """Open a recording as `open_recording`; the samples of a table come piece by piece, as they are read."""
     rate_hz = service.filters.rate_hz
     if not path.exists():
         raise RecordingError(f"{path}: does not exist")
@@ -75,12 +78,15 @@ def open_pieces(
     if path.suffix.lower() not in logreader.SUFFIXES:
         known = ", ".join((*logreader.SUFFIXES, *tables.SUFFIXES))
         raise RecordingError(f"{path}: is none of the recordings that can be read ({known})")
-    return Events(*logreader.read_events(path, round(1e6 / rate_hz), channel=channel, own=own_ids(service), tell=tell))
+    period_us = round(1e6 / rate_hz)
+    header, events = logreader.read_events(path, period_us, channel=channel, own=own_ids(service), report=report)
+    return Events(header=header, events=events)
 
 
 def rows_a_second(path: Path, service: Service, mapping: TableMap | None = None) -> float:
-    """Of a table, by its first piece; of a log of a bus, whose sensors are asked at the service's rate, that rate.
-    Raises RecordingError."""
+    """Return the rows a second of a table, by its first piece; for a log of a bus the service's rate. Raises
+    RecordingError.
+    """
     if path.suffix.lower() not in tables.SUFFIXES or not path.exists():
         return service.filters.rate_hz
     check_ordinary(path)
@@ -90,21 +96,25 @@ def rows_a_second(path: Path, service: Service, mapping: TableMap | None = None)
 
 
 def _unwrapped(path: Path, pieces: Iterator[Table], machine: Machine, rate_hz: float) -> Iterator[Table]:
-    """The samples of a table at a fixed rate, with whole turns added to its angles: before a value between two rows is
-    interpolated, which else lies on the other side of the circle, and then those that the joints allow."""
+    """Yield the samples of a table at a fixed rate, with whole turns added to its angles.
+
+    Angles are made continuous before values between two rows are interpolated: such a value would otherwise lie on the
+    other side of the circle. Then the turns that the joints require are added.
+    """
     unwrapping = Unwrapping(machine)
     for table in _at_rate(path, _continuous(pieces, machine), rate_hz):
         yield table._replace(values=unwrapping.of(table.values))
 
 
 def _continuous(pieces: Iterator[Table], machine: Machine) -> Iterator[Table]:
-    """The pieces of a table with angles that do not leap where a sensor passes the end of its circle."""
+    """Yield the pieces of a table with angles that do not leap where a sensor passes the end of its circle."""
     follower = Follower([k for k, signal in enumerate(machine.signals) if signal.kind in ANGLES])
     for piece in pieces:
         yield piece._replace(values=follower.follow(piece.values))
 
 
 def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Table]:
+    """Yield the samples at a fixed rate. Raises RecordingError for too few rows a second."""
     try:
         yield from resampled(pieces, rate_hz)
     except SlowTableError as error:
@@ -112,16 +122,18 @@ def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Ta
 
 
 def own_ids(service: Service) -> frozenset[int]:
-    """Identifiers that only our own node sends: in another program's recording they identify its frames."""
+    """Return the identifiers that only our own node sends: in another program's recording they identify its frames."""
     node = service.node_id
     fixed = {EMCY + node, SDO_RESPONSE + node, HEARTBEAT + node} | ({SYNC} if service.sync_producer else set())
-    asked = {SDO_REQUEST + sensor.node_id for sensor in service.nodes}
-    return frozenset(fixed | asked | {pdo.can_id for pdo in service.publication})
+    requests = {SDO_REQUEST + sensor.node_id for sensor in service.nodes}
+    return frozenset(fixed | requests | {pdo.can_id for pdo in service.publication})
 
 
 def sensor_frames(recording: Events | Table | Iterable[Table], service: Service) -> Iterator[Frame]:
-    """The frames (PDOs, heartbeats, emergencies) that the sensors would send if the recording took place again; of a
-    table, whole or in pieces, at the service's rate."""
+    """Yield the frames (PDOs, heartbeats, emergencies) that the sensors would send if the recording took place again.
+
+    The frames of a table, whole or in pieces, come at the service's rate.
+    """
     pdos = [pdo for node in service.nodes for pdo in node.pdos]
     if isinstance(recording, Table):
         return as_frames(recording, pdos)
@@ -133,26 +145,24 @@ def sensor_frames(recording: Events | Table | Iterable[Table], service: Service)
 
 
 def as_frames(table: Table, pdos: Sequence[Pdo]) -> Iterator[Frame]:
-    """The table's samples in the sensors' PDOs: each at its period, synchronous ones every `sync` rows.
+    """Yield a table's samples in the sensors' PDOs: each at its period, synchronous ones every `sync` rows.
 
-    NaN, and signals that the table does not have, go as the PDO's "no value"; a frame's time is its row's."""
+    NaN, and signals that the table does not have, become the PDO's "no value". A frame's time is its row's.
+    """
     return _pieces_as_frames([table], pdos, round((table.t_s[1] - table.t_s[0]) * 1e6))
 
 
 def _pieces_as_frames(pieces: Iterable[Table], pdos: Sequence[Pdo], step: int) -> Iterator[Frame]:
-    """The same of a table in pieces, whose rows are `step` [us] apart."""
+    """Yield the frames of a table in pieces; `step`: time between two rows [us]."""
     due: list[int] = []
     unknown = dict.fromkeys((f.signal for p in pdos for f in p.fields if f.signal), float("nan"))
-    for t_s, row, signals in ((*both, piece.signals) for piece in pieces for both in _rows(piece)):
-        t_us = round(t_s * 1e6)
-        due = due or [t_us] * len(pdos)
-        values = unknown | dict(zip(signals, row, strict=True))
-        for k, pdo in enumerate(pdos):
-            if t_us >= due[k] - step // 2:
-                period = step * max(pdo.sync, 1) if pdo.synchronous else round(pdo.period_s * 1e6)
-                due[k] = max(due[k] + period, t_us)
-                yield Frame(t_us, pdo.can_id, encode(pdo, values))
-
-
-def _rows(table: Table) -> Iterator[tuple[float, list[float]]]:
-    return zip(table.t_s.tolist(), table.values.tolist(), strict=True)
+    for piece in pieces:
+        for t_s, row in zip(piece.t_s.tolist(), piece.values.tolist(), strict=True):
+            t_us = round(t_s * 1e6)
+            due = due or [t_us] * len(pdos)
+            values = unknown | dict(zip(piece.signals, row, strict=True))
+            for k, pdo in enumerate(pdos):
+                if t_us >= due[k] - step // 2:
+                    period = step * max(pdo.sync, 1) if pdo.synchronous else round(pdo.period_s * 1e6)
+                    due[k] = max(due[k] + period, t_us)
+                    yield Frame(t_us, pdo.can_id, encode(pdo, values))

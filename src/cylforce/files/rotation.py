@@ -1,4 +1,4 @@
-"""Files of a log that follow each other: which are older, which is the present one, whether another has room."""
+"""The files of a log that follow each other: which are older, which is the present one, whether another has room."""
 
 import errno
 import os
@@ -7,51 +7,56 @@ from io import FileIO
 from pathlib import Path
 from typing import NamedTuple
 
-SHARE = 0.05  # of the disk that must be free before a log that found it full goes on; chosen
+SHARE = 0.05  # share of the disk that must be free before a log that found it full continues; chosen
 
 
 class Rotation(NamedTuple):
-    """A log of limited size: a new file when this one has `size` bytes, and `keep` older files, FILE.NUMBER.log, the
-    lowest number the oldest."""
+    """A log of limited size.
+
+    size: bytes after which a new file begins
+    keep: older files that are kept; FILE.NUMBER.log, the lowest number is the oldest
+    """
 
     size: int
     keep: int
 
 
 def opened(path: Path, rotation: Rotation | None) -> FileIO:
-    """The file, empty. A log of this name is kept as NAME.NUMBER.log, because the log before a crash is the one of
-    interest. With a rotation the oldest ones are deleted."""
-    found = older(path)
+    """Return the open, empty file. With a rotation the oldest files are deleted.
+
+    An earlier log of this name is kept as NAME.NUMBER.log, because the log before a crash is the one of interest.
+    """
+    earlier = earlier_files(path)
     if path.is_file() and path.stat().st_size:
-        number = 1 + max(found, default=0)
-        found[number] = path.rename(path.with_name(f"{path.stem}.{number}{path.suffix}"))
+        number = 1 + max(earlier, default=0)
+        earlier[number] = path.rename(path.with_name(f"{path.stem}.{number}{path.suffix}"))
     if rotation is not None:
-        for number in sorted(found)[: max(0, len(found) - rotation.keep)]:
-            found[number].unlink(missing_ok=True)
+        for number in sorted(earlier)[: max(0, len(earlier) - rotation.keep)]:
+            earlier[number].unlink(missing_ok=True)
     return FileIO(path, "w")
 
 
-def older(path: Path) -> dict[int, Path]:
-    """Earlier logs of this name by their numbers."""
+def earlier_files(path: Path) -> dict[int, Path]:
+    """Return earlier logs of this name by their numbers."""
     name = re.compile(rf"{re.escape(path.stem)}\.([1-9]\d*){re.escape(path.suffix)}")
-    found = ((name.fullmatch(other.name), other) for other in path.parent.iterdir())
-    return {int(match[1]): other for match, other in found if match}
+    matches = ((name.fullmatch(other.name), other) for other in path.parent.iterdir())
+    return {int(match[1]): other for match, other in matches if match}
 
 
-def is_elsewhere(path: Path, file: FileIO) -> bool:
-    """Whether the open file no longer has its name: it was renamed, deleted or replaced."""
+def lost_its_name(path: Path, file: FileIO) -> bool:
+    """Return whether the open file no longer has its name: it was renamed, deleted or replaced."""
     try:
-        there = path.stat()
+        named = path.stat()
     except FileNotFoundError:
         return True
-    except OSError:  # what cannot be seen now is found out when it is written
+    except OSError:  # the next write shows what is wrong
         return False
-    here = os.fstat(file.fileno())
-    return (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino)
+    open_file = os.fstat(file.fileno())
+    return (named.st_dev, named.st_ino) != (open_file.st_dev, open_file.st_ino)
 
 
 def check_room(path: Path, rotation: Rotation) -> None:
-    """Raises OSError unless the disk has room for two more files, or a twentieth of it is free."""
+    """Raise OSError unless the disk has room for two more files, or SHARE of it is free."""
     disk = os.statvfs(path.parent)
     free = disk.f_bavail * disk.f_frsize
     if free < min(2 * rotation.size, SHARE * disk.f_blocks * disk.f_frsize):

@@ -1,4 +1,4 @@
-"""Which software runs: one hash over all its files; and on which controller."""
+"""Identify the software that runs, by one hash over all its files, and the controller on which it runs."""
 
 import hashlib
 from functools import cache
@@ -6,13 +6,15 @@ from pathlib import Path
 
 import cylforce
 
-MACHINE_ID = Path("/etc/machine-id")
+MACHINE_ID = Path("/etc/machine-id")  # of systemd
 
 
 @cache
 def software_sha256() -> str:
-    """SHA-256 over the names and bytes of all Python files of the package, in the order of their names. The same files
-    give the same hash on every computer; a file that was changed after installation gives another."""
+    """Return the SHA-256 over the names and bytes of all Python files of the package, in the order of their names.
+
+    The same files give the same hash on every computer. A file that was changed after installation gives another one.
+    """
     root = Path(cylforce.__file__).parent
     whole = hashlib.sha256()
     for path in sorted(root.rglob("*.py"), key=lambda path: path.relative_to(root).as_posix()):
@@ -22,15 +24,17 @@ def software_sha256() -> str:
 
 
 def controller_id() -> str:
-    """What tells this controller from others: a hash of systemd's machine id, which itself is not to be passed on
-    (machine-id(5)). Empty where there is none."""
+    """Return a hash of systemd's machine id, which identifies this controller; "" where there is none.
+
+    The machine id itself must not leave the computer (machine-id(5)).
+    """
     try:
-        said = MACHINE_ID.read_text().strip()
+        machine_id = MACHINE_ID.read_text().strip()
     except (OSError, ValueError):
         return ""
-    return hashlib.sha256(f"cylforce\0{said}".encode()).hexdigest()[:16] if said else ""
+    return hashlib.sha256(f"cylforce\0{machine_id}".encode()).hexdigest()[:16] if machine_id else ""
 
 
 def short(sha256: str) -> int:
-    """The first four bytes of a hash, as it is said on the bus; 0 for none."""
+    """Return the first four bytes of a hash, the form in which the bus carries it; 0 for none."""
     return int(sha256[:8] or "0", 16)

@@ -1,27 +1,31 @@
-"""Stamps of another program's log: which frames are strays, and where its clock was set."""
+"""Time stamps of another program's log: detect frames with wrong stamps (strays), and where its clock was set."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar
 
-from cylforce.files.atomic import Tell
+from cylforce.files.atomic import Report
 from cylforce.files.candump import Sent
 from cylforce.signals.events import Frame
 
 Stamped = TypeVar("Stamped", Frame, Frame | Sent)
 
-NAMED = 20  # steps of a clock that are reported one by one; the others are counted. Chosen
+NAMED = 20  # steps of a clock that are reported one by one, the others are counted; chosen
 
 
-def without_strays(frames: Iterable[Stamped], period_us: int, name: str, tell: Tell) -> Iterator[Stamped]:
+def without_strays(frames: Iterable[Stamped], period_us: int, name: str, report: Report) -> Iterator[Stamped]:
     """Yield the frames without strays, and report how many were left out.
 
     A stray is stamped more than `period_us` from the frame before it and from the frame after it, which is nearer to
     the frame before. A smaller error moves a frame by less than a sample. Where an identifier repeats before the frames
-    go on from there, they are no strays: the clock was set, or the bus was silent.
+    continue at the old time, they are no strays: the clock was set, or the bus was silent.
+
+    period_us: period of the service's steps [us]
+    name: name of the recording in a report
+    report: called with a sentence
     """
     newest: int | None = None  # latest stamp since the clock was set
     apart: list[Stamped] = []  # frames more than a period from `newest` that may be strays
-    strays = _Strays(name, tell)
+    strays = _Strays(name, report)
     for frame in frames:
         t_us = frame.t_us
         if apart and newest is not None and max(abs(t_us - newest), period_us) < abs(t_us - apart[-1].t_us):
@@ -29,7 +33,7 @@ def without_strays(frames: Iterable[Stamped], period_us: int, name: str, tell: T
             apart = []
         if apart:
             apart.append(frame)
-            if frame.can_id in {each.can_id for each in apart[:-1]}:
+            if frame.can_id in {earlier.can_id for earlier in apart[:-1]}:
                 newest = max(t_us, apart[-2].t_us)
                 yield from apart
                 apart = []
@@ -46,14 +50,14 @@ def without_strays(frames: Iterable[Stamped], period_us: int, name: str, tell: T
 
 
 class _Strays:
-    """Counts frames that were left out, and remembers the first of them."""
+    """Counts frames that were left out, and notes the first of them."""
 
-    def __init__(self, name: str, tell: Tell) -> None:
-        self._name, self._tell, self._count = name, tell, 0
+    def __init__(self, name: str, report: Report) -> None:
+        self._name, self._report, self._count = name, report, 0
         self._first_us = self._ahead_us = 0
 
     def add(self, frames: Sequence[Frame | Sent], newest_us: int) -> None:
-        """Count frames after a frame that was stamped `newest_us`."""
+        """Count frames that follow a frame stamped `newest_us`."""
         if not self._count:
             self._first_us, self._ahead_us = frames[0].t_us, frames[0].t_us - newest_us
         self._count += len(frames)
@@ -62,24 +66,29 @@ class _Strays:
         """Report them, at the recording's end."""
         if self._count:
             way = "ahead of" if self._ahead_us > 0 else "behind"
-            self._tell(
+            self._report(
                 f"{self._name}: frames stamped {abs(self._ahead_us) / 1e6:.6g} s {way} the frames beside them, the "
                 f"first at {self._first_us / 1e6:.6f} s, were left out: {self._count}; their stamps are wrong"
             )
 
 
 class Cuts:
-    """Reports where the clock of a recording was set, the first NAMED times by their moment."""
+    """Reports where the clock of a recording was set, the first NAMED times with their moment.
 
-    def __init__(self, name: str, tell: Tell) -> None:
-        self._name, self._tell, self.count = name, tell, 0
+    name: name of the recording in a report
+    report: called with a sentence
+    count: times that the clock was set
+    """
+
+    def __init__(self, name: str, report: Report) -> None:
+        self._name, self._report, self.count = name, report, 0
 
     def add(self, before_us: int, after_us: int) -> None:
         """Report that the stamp `after_us` follows `before_us`."""
         self.count += 1
         if self.count <= NAMED:
             by, way = abs(after_us - before_us) / 1e6, "back" if after_us < before_us else "ahead"
-            self._tell(
+            self._report(
                 f"{self._name}: the clock of the recording steps {way} by {by:.6g} s, from {before_us / 1e6:.6f} to "
                 f"{after_us / 1e6:.6f} s: the recording is cut there"
             )
@@ -87,4 +96,4 @@ class Cuts:
     def report(self) -> None:
         """Report the number of all, at the recording's end."""
         if self.count > NAMED:
-            self._tell(f"{self._name}: the clock of the recording was set {self.count} times: it is cut at each")
+            self._report(f"{self._name}: the clock of the recording was set {self.count} times: it is cut at each")

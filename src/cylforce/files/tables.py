@@ -12,14 +12,19 @@ from cylforce.files.cells import Cells, pyarrow, read_csv, read_parquet
 from cylforce.signals.estimate import Array
 
 SUFFIXES = (".csv", ".parquet")
-TIME = "t_s"
-LONGEST_LEAP_S = 3600.0  # between two rows: a longer one is a clock that was set, or two recordings; chosen
-LONGEST_SPAN_S = 100_000.0  # of a table: a day of recording and more; each second of it takes memory; chosen
-GAP_PERIODS = 5  # periods; values within a longer gap are unknown and become NaN
+TIME = "t_s"  # name of the time column
+LONGEST_LEAP_S = 3600.0  # s between two rows: a longer one is a clock that was set, or two recordings; chosen
+LONGEST_SPAN_S = 100_000.0  # s of a table: a day of recording and more; each second of it takes memory; chosen
+GAP_PERIODS = 5  # periods; values within a longer gap are unknown and become NaN; chosen
 
 
 class ColumnMap(NamedTuple):
-    """Which column of a table has a signal: SI value = cell * scale + offset."""
+    """The column of a table that contains a signal: SI value = cell * scale + offset.
+
+    signal: name of the signal
+    column: name of the column
+    scale, offset: conversion to SI
+    """
 
     signal: str
     column: str
@@ -28,7 +33,12 @@ class ColumnMap(NamedTuple):
 
 
 class TableMap(NamedTuple):
-    """How a foreign table is read: seconds = cell * time_scale_s; other signals are columns of their name."""
+    """How the table of another program is read; signals without an entry are columns of their own name.
+
+    time_column: name of the time column
+    time_scale_s: seconds = cell * time_scale_s
+    columns: columns of the signals
+    """
 
     time_column: str
     time_scale_s: float
@@ -36,7 +46,12 @@ class TableMap(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Samples: `t_s` (T,) [s] increasing, `values` (T, S) in SI units or NaN, names of the S signals."""
+    """Samples of S signals.
+
+    t_s: (T,) increasing time [s]
+    values: (T, S) values [SI]; NaN: unknown
+    signals: (S,) names
+    """
 
     t_s: Array
     values: Array
@@ -44,31 +59,35 @@ class Table(NamedTuple):
 
 
 def read_table(path: Path, signals: Sequence[str], mapping: TableMap | None = None) -> Table:
-    """The named signals of a table; other columns are ignored.
+    """Read the named signals of a table; other columns are ignored.
 
-    An empty cell, a null or the word nan is an unknown value (NaN). A CSV has one header line; commas,
-    semicolons or tabs stand between its cells; decimals are marked by a point.
+    An empty cell, a null or the word nan is an unknown value (NaN). A CSV has one header line; commas, semicolons or
+    tabs separate its cells; decimals are marked by a point. Raises RecordingError when a column is missing or
+    ambiguous, a cell is no number or infinite, time does not increase, or there are fewer than two rows; it names the
+    file and the line (of a CSV) or row (of Parquet, from 1).
 
-    Raises
-    ------
-    RecordingError
-        When a column is missing or ambiguous, a cell is no number or infinite, time does not increase, or
-        there are fewer than two rows; names the file and the line (of a CSV) or row (of Parquet, from 1).
+    mapping: how the table of another program is read
     """
     return joined(list(table_pieces(path, signals, mapping)))
 
 
 def joined(pieces: Sequence[Table]) -> Table:
-    """One table of its pieces."""
-    t_s, values = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
-    return Table(t_s, values, pieces[0].signals)
+    """Return one table from its pieces."""
+    return Table(
+        t_s=np.concatenate([piece.t_s for piece in pieces]),
+        values=np.concatenate([piece.values for piece in pieces]),
+        signals=pieces[0].signals,
+    )
 
 
 def table_pieces(
     path: Path, signals: Sequence[str], mapping: TableMap | None = None, *, as_recording: bool = False
 ) -> Iterator[Table]:
-    """The same, piece by piece. `as_recording`: to be resampled, so that a time which leaps by more than LONGEST_LEAP_S
-    or spans more than LONGEST_SPAN_S is refused: its gaps would fill the memory."""
+    """Read a table as `read_table`, and yield it piece by piece.
+
+    as_recording: the table will be resampled, so that a time which leaps by more than LONGEST_LEAP_S or spans more than
+        LONGEST_SPAN_S is refused: its gaps would fill the memory
+    """
     wanted = _columns(signals, mapping)
     names = [mapping.time_column if mapping else TIME, *(c.column for c in wanted)]
     scale = np.array([mapping.time_scale_s if mapping else 1.0, *(c.scale for c in wanted)])
@@ -88,13 +107,16 @@ def table_pieces(
 
 
 def _columns(signals: Sequence[str], mapping: TableMap | None) -> list[ColumnMap]:
+    """Return the column of each signal."""
     named = {column.signal: column for column in mapping.columns} if mapping else {}
     return [named.get(signal, ColumnMap(signal, signal, 1.0, 0.0)) for signal in signals]
 
 
 def _check(path: Path, cells: Cells, names: list[str], last: float) -> None:
-    """Raises RecordingError for an infinite value in a piece, or a time that does not follow `last`, the one before
-    it."""
+    """Raise RecordingError for an infinite value in a piece, or a time that does not increase.
+
+    last: time of the row before the piece, as in the file
+    """
     infinite = np.argwhere(np.isinf(cells.numbers))
     if len(infinite):
         row, column = infinite[0]
@@ -107,8 +129,11 @@ def _check(path: Path, cells: Cells, names: list[str], last: float) -> None:
 
 
 def _check_span(path: Path, cells: Cells, t_s: Array, before: tuple[float, float]) -> None:
-    """Raises RecordingError for a time [s] that is too far from the one before it, or from the first; `before`: the
-    table's first, and the last before this piece (-inf: none)."""
+    """Raise RecordingError for a time that is too far from the one before it, or from the first.
+
+    t_s: (T,) times of the piece [s]
+    before: the table's first time, and the last before this piece [s]; -inf: none
+    """
     first, last = before
     leaps = np.diff(t_s, prepend=last if np.isfinite(last) else first)
     bad = np.flatnonzero((leaps > LONGEST_LEAP_S) | (t_s - first > LONGEST_SPAN_S))
@@ -130,20 +155,16 @@ class SlowTableError(RecordingError):
 
 
 def resample(table: Table, rate_hz: float) -> Table:
-    """The table at a fixed rate from its first row on, linear between rows, never beyond the last.
+    """Return the table at a fixed rate from its first row on, linear between rows, never beyond the last.
 
-    What lies within a gap of more than five periods is NaN, as is what lies beside a NaN.
-
-    Raises
-    ------
-    SlowTableError
-        When the table's own rate is so low that all of it would be such a gap.
+    Values within a gap of more than GAP_PERIODS periods are NaN, and so are values beside a NaN. Raises SlowTableError
+    when the table's own rate is so low that all of it would be such a gap.
     """
     return joined(list(resampled([table], rate_hz)))
 
 
 def resampled(pieces: Iterable[Table], rate_hz: float) -> Iterator[Table]:
-    """The same of a table in pieces; its own rate is that of its first piece."""
+    """Resample a table in pieces as `resample`; its own rate is that of its first piece."""
     recent: Table | None = None
     start, done = 0.0, 0
     for piece in pieces:
@@ -161,6 +182,7 @@ def resampled(pieces: Iterable[Table], rate_hz: float) -> Iterator[Table]:
 
 
 def _check_rate(table: Table, rate_hz: float) -> None:
+    """Raise SlowTableError for too few rows a second."""
     steps = np.diff(table.t_s)
     if len(steps) and np.median(steps) > _widest(rate_hz):
         raise SlowTableError(
@@ -170,12 +192,12 @@ def _check_rate(table: Table, rate_hz: float) -> None:
 
 
 def _widest(rate_hz: float) -> float:
+    """Return the widest gap that is interpolated [s], with a tolerance for rounding."""
     return GAP_PERIODS * (1.0 + 1e-9) / rate_hz
 
 
 def _at(table: Table, t_s: Array, rate_hz: float) -> Table:
-    """The table at times `t_s` (K,) [s] within it: linear between its rows, NaN in gaps of more than GAP_PERIODS
-    periods of `rate_hz`."""
+    """Return the table at times (K,) [s] within it: linear between its rows, NaN within gaps."""
     values = np.stack([np.interp(t_s, table.t_s, column) for column in table.values.T], axis=-1)
     if len(table.t_s) > 1:
         steps = np.diff(table.t_s)
@@ -188,10 +210,7 @@ def _at(table: Table, t_s: Array, rate_hz: float) -> Table:
 def write_table(path: Path, table: Table) -> None:
     """Write a CSV or, by its suffix, a Parquet file that `read_table` reads back exactly.
 
-    Raises
-    ------
-    RecordingError
-        When the disk refuses, or pyarrow is missing.
+    Raises RecordingError when the disk refuses, or pyarrow is missing.
     """
     columns = np.column_stack([table.t_s, table.values])
     names = [TIME, *table.signals]
@@ -206,5 +225,6 @@ def write_table(path: Path, table: Table) -> None:
 
 
 def _text_rows(columns: Array) -> Iterator[str]:
+    """Yield the rows as text that gives the same numbers again."""
     for row in columns:
         yield ",".join(map(repr, row.tolist())) + "\n"

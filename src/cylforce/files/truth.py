@@ -1,7 +1,7 @@
 """The truth file of a simulated run. It is for comparison with the results; the service never reads it.
 
-One line `# {...}` of JSON (seed, scenario, what the machine really is), then CSV, SI units, one row per
-sample."""
+One line `# {...}` of JSON (seed, scenario, the true machine), then CSV, SI units, one row per sample.
+"""
 
 import csv
 import json
@@ -20,19 +20,24 @@ from cylforce.signals.estimate import Array
 from cylforce.simulation.sensing import Record
 from cylforce.simulation.simulator import Truth
 
-TIME = "t_us"
+TIME = "t_us"  # name of the time column
 
 
 class TruthTable(NamedTuple):
-    """A truth file: its header, `t_us` (T,) int64, `columns` (T,) by name; see `truth_columns`."""
+    """A truth file.
+
+    header: its JSON
+    t_us: (T,) times [us]
+    columns: (T,) by name, see `truth_columns`
+    """
 
     header: dict[str, JsonValue]
     t_us: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]"
     columns: dict[str, Array]
 
 
-def describe(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
-    """The simulated machine's true base parameters, friction, slope and effects, by the parameters' names."""
+def describe_truth(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
+    """Return the simulated machine's true base parameters, friction, slope and effects, by the parameters' names."""
     base, slew = base_parameters(truth.links).reshape(-1, 3), slew_parameters(truth.links)
     parameters: dict[str, JsonValue] = {}
     for link, row in zip(truth.links, np.concatenate([base, slew], axis=1).tolist(), strict=True):
@@ -56,10 +61,12 @@ def describe(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
 
 
 def truth_columns(machine: Machine, record: Record) -> tuple[tuple[str, ...], Array]:
-    """Names and values (T, K): motion time `t_s`, `cycle` (the scene's number), `phase` (see `Phase`), load `mass` and
-    `centre_x`, `centre_z` in the last link's frame, soil's force and the teeth's place (x forward, z up, true
-    vertical; place from the first pin), `pitch`, `roll`, `slew`, joint angles, cylinder forces and the
-    friction within them."""
+    """Return names and values (T, K) of the columns of a truth file [SI].
+
+    They are motion time `t_s`, `cycle` (the scene's number), `phase` (see `Phase`), load `mass` and `centre_x`,
+    `centre_z` in the last link's frame, the soil's force and the teeth's place (x forward, z up, true vertical; place
+    from the first pin), `pitch`, `roll`, `slew`, joint angles, cylinder forces and the friction within them.
+    """
     p = record.physics
     house = [np.broadcast_to(x, p.t.shape) for x in (p.attitude.pitch, p.attitude.roll, p.course.slew)]
     single = [record.t, np.full_like(p.t, record.scene), p.course.phase, p.load.mass, *p.load.centre.T]
@@ -71,7 +78,12 @@ def truth_columns(machine: Machine, record: Record) -> tuple[tuple[str, ...], Ar
 
 
 class TruthWriter:
-    """Writes a truth file row by row; what was written can be read while the run goes on."""
+    """Writes a truth file row by row; it can be read while the run continues.
+
+    path: the file
+    header: its JSON
+    names: names of the columns
+    """
 
     def __init__(self, path: Path, header: dict[str, JsonValue], names: Iterable[str]) -> None:
         self._path = path
@@ -82,7 +94,7 @@ class TruthWriter:
         self._file.write(f"# {json.dumps(header)}\n{','.join((TIME, *names))}\n")
 
     def write(self, t_us: Iterable[int], rows: Array) -> None:
-        """Rows (T, K) at the times (T,)."""
+        """Write rows (T, K) at the times (T,) [us]."""
         lines = (f"{t},{','.join(f'{x:.9g}' for x in row)}\n" for t, row in zip(t_us, rows.tolist(), strict=True))
         self._file.writelines(lines)
 

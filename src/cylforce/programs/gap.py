@@ -27,7 +27,7 @@ from cylforce.diagnosis.recordings.vibration import vibrating, vibrations
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.estimation.model import FRICTION, Model, Tares
-from cylforce.files.atomic import Tell
+from cylforce.files.atomic import Report
 from cylforce.programs.common.gap_answer import answer, apart, confirm, off_clock, shifted
 from cylforce.programs.common.gap_question import Question, asked_only, check_recordings, reduced
 from cylforce.programs.common.gap_refit import IDENTIFY, identify_first, parameters_first, unnamed
@@ -77,7 +77,7 @@ def diagnose(
 
 
 def _diagnosed(
-    loaded: Loaded, question: Question, library: tuple[Group, ...], watch: Watch, kept: RowCache | None, tell: Tell
+    loaded: Loaded, question: Question, library: tuple[Group, ...], watch: Watch, kept: RowCache | None, tell: Report
 ) -> Diagnosed:
     """Return the diagnosis; `tell` is called with a sentence for each part of a recording that was left out."""
     only = asked_only(library := reduced(library, question.without), question.only, loaded.service.machine)

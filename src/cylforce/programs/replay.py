@@ -91,7 +91,7 @@ def stream_through(
     now: Header | None = None,
 ) -> Played:
     """The same in constant memory: every estimate goes to `take` and is not kept."""
-    source = open_pieces(recording, loaded.service, loaded.columns, tell=tell)
+    source = open_pieces(recording, loaded.service, loaded.columns, report=tell)
     if isinstance(source, Events):
         header = source.header
         state = core.begin() if header is None or now is None else beginning(core, header, now, recording, tell)

@@ -8,7 +8,7 @@ from pathlib import Path
 from queue import Empty, Full, Queue
 from threading import Thread
 
-from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.files.atomic import RecordingError, Report, warn
 from cylforce.records.audit import Audit, length
 from cylforce.records.queries import cumulated
 from cylforce.records.schema import open_writing
@@ -27,7 +27,7 @@ class Recorder:
 
     Raises RecordingError only when another service writes the same file."""
 
-    def __init__(self, path: Path, start: Start, tell: Tell = warn) -> None:
+    def __init__(self, path: Path, start: Start, tell: Report = warn) -> None:
         self._path, self._tell, self.failure, self._error = path, tell, "", ""
         self.kept: Memory = NOTHING_KEPT
         self.lifetime: float | None = None
@@ -59,7 +59,7 @@ class Recorder:
         self.look()
 
     def look(self) -> None:
-        """Tell a failure of the writing thread, once."""
+        """Report a failure of the writing thread, once."""
         if self._error and not self.failure:
             self.failure = (
                 f"{self._path}: no more bookings are recorded ({self._error}); weighing goes on: free the disk"

@@ -3,7 +3,7 @@
 import sqlite3
 from pathlib import Path
 
-from cylforce.files.atomic import RecordingError, Tell
+from cylforce.files.atomic import RecordingError, Report
 
 # One entry a version, applied in order; an entry never changes once it was released. Masses in kg, forces in N, times
 # in microseconds since 1970. `accepted` is 0 for a cancelled booking. A trigger, not a program, keeps the totals.
@@ -108,7 +108,7 @@ def check(connection: sqlite3.Connection) -> None:
         raise UnreadableError(f"is damaged ({found})")
 
 
-def open_writing(path: Path, tell: Tell) -> sqlite3.Connection:
+def open_writing(path: Path, tell: Report) -> sqlite3.Connection:
     """The database for the one writer, made or migrated. What cannot be read is kept under another name, which `tell`
     is given, and a new one begins. Raises sqlite3.Error or OSError where nothing can be written."""
     try:

@@ -12,9 +12,9 @@ from pydantic_core import ErrorDetails
 
 from cylforce.effects.imposed import Imposed, imposed
 from cylforce.files.atomic import LARGEST, is_large, is_stream
-from cylforce.files.truth import describe
+from cylforce.files.truth import describe_truth
 from cylforce.mechanics.installation import Service
-from cylforce.settings.error import FaultError, Source, line_of, report
+from cylforce.settings.error import FaultError, Source, error_text, line_of
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.settings.sections import fault
 from cylforce.signals.kinds import Kind
@@ -76,7 +76,7 @@ def prepare(
     extra = read_effects(effects, loaded) if effects else ()
     truth = draw_truth(machine, np.random.default_rng((seed, 0)), mass_error, extra)
     header: dict[str, JsonValue] = {"seed": seed, "scenario": scenario, "mass_error": mass_error}
-    header |= {"machine_sha256": loaded.sha256, **describe(machine, truth)}
+    header |= {"machine_sha256": loaded.sha256, **describe_truth(machine, truth)}
     made = sensors(machine, loaded.service.nodes)
     rng = np.random.default_rng((seed, 1))
     if scenario == "moves":
@@ -105,7 +105,7 @@ def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
         tables = _EffectsFile.model_validate(raw).effects
     except ValidationError as error:
         faults = [_fault(found) for found in error.errors()]
-        raise SettingsError(report(source, faults)) from error
+        raise SettingsError(error_text(source, faults)) from error
     return tuple(_imposed(loaded, each, source, k) for k, each in enumerate(tables))
 
 

@@ -11,7 +11,7 @@ from cylforce.estimation.attachment import with_tool
 from cylforce.estimation.kernel.choice import choice
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.segments import gapless
-from cylforce.files.atomic import RecordingError, Tell, warn
+from cylforce.files.atomic import RecordingError, Report, warn
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.files.logfile import Header, file_sha256, running_versions
 from cylforce.files.logreader import log_header
@@ -72,11 +72,11 @@ def model_of(loaded: Loaded) -> Model:
     return Model(service.machine, service.filters, service.effects)
 
 
-def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent, tell: Tell = warn) -> Iterator[Array]:
+def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent, tell: Report = warn) -> Iterator[Array]:
     """A recording's gapless stretches of samples (T, S), SI, as they are read; `tell` is called with what was left out,
     and with the reason where a log has no sample or two nodes send the same message."""
     service = loaded.service
-    recording = open_recording(path, service, loaded.columns, tell=tell)
+    recording = open_recording(path, service, loaded.columns, report=tell)
     longest = int(service.health.hold_s * service.filters.rate_hz)
     if isinstance(recording, Table):
         yield from gapless(ordered(recording, loaded, path), longest)
@@ -91,7 +91,7 @@ def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent, tell: T
 
 
 def named_segments(
-    loaded: Loaded, recordings: Sequence[Path], watch: Watch = silent, tell: Tell = warn
+    loaded: Loaded, recordings: Sequence[Path], watch: Watch = silent, tell: Report = warn
 ) -> Iterator[tuple[str, Array]]:
     """The gapless stretches of all recordings, each with the recording's name."""
     return ((path.name, segment) for path in recordings for segment in recorded_segments(loaded, path, watch, tell))
@@ -106,7 +106,7 @@ def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
     return table.values[:, [place[s.name] for s in loaded.service.machine.signals]]
 
 
-def make_core(loaded: Loaded, identified: Path | None, tell: Tell = warn) -> Core:
+def make_core(loaded: Loaded, identified: Path | None, tell: Report = warn) -> Core:
     """The core of a machine file with its identified tares, or with the data sheet's; what the identified file warns of
     is repeated, and why a compiled kernel was not taken."""
     service = loaded.service
@@ -177,7 +177,7 @@ def continued(header: Header, state: State) -> Header:
     return header.model_copy(update={"state": known})
 
 
-def beginning(core: Core, recorded: Header, now: Header, path: Path, tell: Tell) -> State:
+def beginning(core: Core, recorded: Header, now: Header, path: Path, tell: Report) -> State:
     """The service's state at the beginning of a log. A state of other tares or of another version does not fit: then
     only zero and tare are taken over, the estimators start anew, and `tell` says so."""
     said = recorded.state

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.estimation.segments import parts
-from cylforce.files.atomic import Tell, warn
+from cylforce.files.atomic import Report, warn
 from cylforce.files.recording import Events, open_pieces, rows_a_second
 from cylforce.files.tables import Table
 from cylforce.programs.common.progress import Watch, silent, watched
@@ -55,7 +55,7 @@ def chosen(
     loads: dict[str, float],
     watch: Watch = silent,
     most: int = MOST,
-    tell: Tell = warn,
+    tell: Report = warn,
 ) -> Chosen:
     """Gapless stretches of recordings that are long enough to be diagnosed, `most` parts at most of all together;
     `tell` is called with sentences on what was left out."""
@@ -109,7 +109,7 @@ class _Source:
     unusable: of a log, numbers of rows without a sample so far, by their reason
     """
 
-    def __init__(self, loaded: Loaded, path: Path, watch: Watch, tell: Tell) -> None:
+    def __init__(self, loaded: Loaded, path: Path, watch: Watch, tell: Report) -> None:
         self._loaded, self._path, self._watch, self._tell = loaded, path, watch, tell
         self.begins, self.rows = 0.0, 0
         self.unusable = Counter[Reason]()
@@ -121,7 +121,7 @@ class _Source:
 
     def pieces(self) -> Iterator[Array]:
         """Samples (T, S), NaN where something was missing."""
-        recording = open_pieces(self._path, self._loaded.service, self._loaded.columns, tell=self._tell)
+        recording = open_pieces(self._path, self._loaded.service, self._loaded.columns, report=self._tell)
         for piece in self._logged(recording) if isinstance(recording, Events) else self._tabled(recording):
             self.rows += len(piece)
             yield piece

@@ -149,7 +149,7 @@ def booked(job: Job, tares: Tares) -> Booked:
     try:
         loaded = loaded_of(job.text, job.machine_file)
         core = Core(loaded.service, tares)
-        source = open_pieces(stored_path(job.address), loaded.service, loaded.columns, tell=_silent)
+        source = open_pieces(stored_path(job.address), loaded.service, loaded.columns, report=_silent)
         if isinstance(source, Events):
             played = replay(core, source.events, core.begin(), _nothing)
         else:
