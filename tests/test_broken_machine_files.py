@@ -239,7 +239,7 @@ def test_a_double_key_is_named_with_its_line(tmp_path, edit, line):
     number = int(re.search(r"machine\.toml:(\d+): ", str(error.value))[1])
     assert text.splitlines()[number - 1] == line
     assert f"{line!r} is not TOML" in str(error.value)
-    assert "stands there twice: remove one" in str(error.value)
+    assert "is there twice: remove one" in str(error.value)
 
 
 def test_one_run_lists_every_error(tmp_path):

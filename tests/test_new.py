@@ -309,7 +309,7 @@ REFUSED = [
     ("--set boom.stroke_mm=1500 --set boom.closed_mm=1400", "boom.closed_mm is 1400, its stroke 1500: .* correct one"),
     (
         "--set bucket.stroke_mm=1900 --set bucket.closed_mm=3000",
-        "bucket.stroke_mm and bucket.closed_mm ask for lengths of",
+        "bucket.stroke_mm and bucket.closed_mm require lengths of",
     ),
     ("--set stick.angle_range_deg=-200:20", "stick.angle_range_deg is -200:20, and the stick cylinder"),
     ("--set dig_depth_m=12", "dig_depth_m is 12, which links of these lengths do not reach"),

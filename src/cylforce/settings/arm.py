@@ -1,6 +1,8 @@
-"""The arm's tables in the machine file: machine, links, tool, cylinders. Frozen models, unknown keys refused, units in
-the key names. The description of each key is its only documentation: the table in config/README.md and the JSON schema
-are made from it."""
+"""The arm's tables in the machine file: machine, links, tool, cylinders.
+
+The models are frozen, refuse unknown keys, and have units in the names of keys. The description of each key is its only
+documentation: the table in config/README.md and the JSON schema are made from it.
+"""
 
 from typing import Annotated, Any, Literal
 
@@ -38,6 +40,7 @@ XZ = Annotated[tuple[Coordinate, Coordinate], Field(strict=False)]
 
 
 def _rising(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is checked
+    """Return a range as a tuple. Raises ValueError unless its first number is the smaller one."""
     if isinstance(value, list | tuple) and len(value) == 2 and all(isinstance(v, int | float) for v in value):
         if not value[0] < value[1]:
             raise ValueError(f"is {list(value)}: the first number must be the smaller one")
@@ -227,6 +230,7 @@ class CylinderTable(SettingsTable):
     @field_validator("rod_mm")
     @classmethod
     def _thinner(cls, rod: float, info: ValidationInfo) -> float:
+        """Return the rod's diameter. Raises ValueError unless it is smaller than the bore."""
         bore = info.data.get("bore_mm")
         if bore is not None and rod >= bore:
             raise ValueError(f"is {rod:g}, not smaller than bore_mm = {bore:g}: exchange or correct them")
@@ -235,6 +239,7 @@ class CylinderTable(SettingsTable):
     @field_validator("length_range_m")
     @classmethod
     def _single_stage(cls, lengths: tuple[float, float]) -> tuple[float, float]:
+        """Return the lengths. Raises ValueError for a stroke longer than the retracted length."""
         low, high = lengths
         if high >= 2.0 * low:  # the barrel of a single-stage cylinder is longer than its stroke
             raise ValueError(

@@ -1,8 +1,8 @@
-"""The bus part of the file: sensor nodes with their PDO layouts, our own publication, no identifier used
-twice."""
+"""The bus part of the file: sensor nodes with their PDO layouts, our own publication, no identifier used twice."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from cylforce.canopen.dictionary import vendor_eds
 from cylforce.mechanics.installation import Filters, SensorNode
@@ -13,13 +13,15 @@ from cylforce.signals.kinds import UNIT
 from cylforce.signals.layout import CODES, TYPE_NAMES, Field, Pdo
 from cylforce.signals.units import MILLISECOND
 
-TYPES = {"i8": "b", "u8": "B", "i16": "h", "u16": "H", "i32": "i", "u32": "I", "f32": "f"}
+TYPES = {"i8": "b", "u8": "B", "i16": "h", "u16": "H", "i32": "i", "u32": "I", "f32": "f"}  # struct codes
 Entry = tuple[int, SensorTable]  # number of the sensor in the file
 
 
 def own_pdos(file: MachineFile, filters: Filters, findings: Inspection) -> tuple[Pdo, ...]:
-    """The TPDOs that cylforce sends. A period below one step, and rated values too large for their objects, go to
-    `findings`."""
+    """Return the TPDOs that cylforce sends.
+
+    A period below one step, and rated values too large for their objects, go to `findings`.
+    """
     own = file.publication
     if own.period_ms * file.filter.rate_hz < 1000.0:
         problem = f"is {own.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
@@ -40,16 +42,20 @@ def own_pdos(file: MachineFile, filters: Filters, findings: Inspection) -> tuple
 
 
 def nodes(file: MachineFile, folder: Path, own: Iterable[Pdo], findings: Inspection) -> tuple[SensorNode, ...]:
-    """The sensor nodes; EDS files are looked for in `folder`, `own` are the PDOs that we send. Every error goes to
-    `findings`."""
-    made = [findings.attempt(_node, file, k, folder) for k in range(len(file.nodes))]
-    findings.errors.extend(_same_cob_ids(made, own))
-    return tuple(node for node in made if node is not None)
+    """Return the sensor nodes; every error goes to `findings`.
+
+    folder: folder of the EDS files
+    own: PDOs that we send
+    """
+    described = [findings.attempt(_node, file, k, folder) for k in range(len(file.nodes))]
+    findings.errors.extend(_same_cob_ids(described, own))
+    return tuple(node for node in described if node is not None)
 
 
-def _same_cob_ids(made: Iterable[SensorNode | None], own: Iterable[Pdo]) -> Iterator[FaultError]:
+def _same_cob_ids(described: Iterable[SensorNode | None], own: Iterable[Pdo]) -> Iterator[FaultError]:
+    """Yield identifiers that are used twice."""
     owner: dict[int, str] = {pdo.can_id: "cylforce's own publication" for pdo in own}
-    for k, node in enumerate(made):
+    for k, node in enumerate(described):
         for pdo in node.pdos if node else ():
             if pdo.can_id in owner:
                 used = f"TPDO {pdo.number} has the COB-ID {pdo.can_id:03X}h of {owner[pdo.can_id]}"
@@ -58,12 +64,13 @@ def _same_cob_ids(made: Iterable[SensorNode | None], own: Iterable[Pdo]) -> Iter
 
 
 def period_s(file: MachineFile, sensor: SensorTable) -> float:
-    """How often a sensor's value comes [s]."""
+    """Return the period of a sensor's value [s]."""
     node = next(node for node in file.nodes if node.name == sensor.node)
-    return _timing(file, node, sensor.pdo)[2]
+    return _timing(file, node, sensor.pdo).period_s
 
 
 def _node(file: MachineFile, k: int, folder: Path) -> SensorNode:
+    """Return node k of the file. Raises FaultError."""
     table = file.nodes[k]
     sensors = [(n, sensor) for n, sensor in enumerate(file.sensors) if sensor.node == table.name]
     eds = _eds(table, k, folder)
@@ -93,6 +100,7 @@ def _node(file: MachineFile, k: int, folder: Path) -> SensorNode:
 
 
 def _eds(table: NodeTable, k: int, folder: Path) -> vendor_eds.Eds | None:
+    """Return the EDS file of node k; None without one. Raises FaultError."""
     if table.eds is None:
         return None
     try:
@@ -108,37 +116,53 @@ def _eds(table: NodeTable, k: int, folder: Path) -> vendor_eds.Eds | None:
 
 
 def _check_twice(objects: Iterable[tuple[int, tuple[int, int]]]) -> None:
-    seen: set[tuple[int, int]] = set()
-    for n, place in objects:
-        if place in seen:
+    """Raise FaultError for an object that two sensors of a node use; `objects`: (number of the sensor, object)."""
+    used: set[tuple[int, int]] = set()
+    for n, address in objects:
+        if address in used:
             raise FaultError(("sensors", n, "object"), "is mapped twice from this node: correct index or sub-index")
-        seen.add(place)
+        used.add(address)
 
 
-def _timing(file: MachineFile, node: NodeTable, number: int) -> tuple[bool, int, float]:
-    """(synchronous, every n-th SYNC, period [s]) of a TPDO."""
+class Timing(NamedTuple):
+    """When a TPDO is sent.
+
+    synchronous: after SYNC, otherwise by its event timer
+    sync: after every n-th SYNC; 0: by its event timer
+    period_s: [s]
+    """
+
+    synchronous: bool
+    sync: int
+    period_s: float
+
+
+def _timing(file: MachineFile, node: NodeTable, number: int) -> Timing:
+    """Return when TPDO `number` of a node is sent. Raises FaultError."""
     special = next((pdo for pdo in node.pdos if pdo.number == number), PdoTable(number=number))
     key: Key = ("nodes", file.nodes.index(node))
     period_ms = special.period_ms or node.period_ms
     if (special.transmission or node.transmission) == "event_timer":
         if period_ms is None:
             raise FaultError(key, "sends by its event timer: add period_ms")
-        return False, 0, period_ms * MILLISECOND
-    every = special.sync_every or node.sync_every
-    own = every / file.filter.rate_hz
+        return Timing(synchronous=False, sync=0, period_s=period_ms * MILLISECOND)
+    sync = special.sync_every or node.sync_every
+    by_our_sync = sync / file.filter.rate_hz
     if period_ms is None:
-        return True, every, own
-    if file.publication.sync_producer and abs(period_ms * MILLISECOND - own) > 1e-6:
+        return Timing(synchronous=True, sync=sync, period_s=by_our_sync)
+    if file.publication.sync_producer and abs(period_ms * MILLISECOND - by_our_sync) > 1e-6:
         raise FaultError(
-            key, f"follows the SYNC of cylforce every {1e3 * own:g} ms, not every {period_ms} ms: remove period_ms"
+            key,
+            f"follows the SYNC of cylforce every {1e3 * by_our_sync:g} ms, not every {period_ms} ms: remove period_ms",
         )
-    return True, every, period_ms * MILLISECOND
+    return Timing(synchronous=True, sync=sync, period_s=period_ms * MILLISECOND)
 
 
 def _pdo(file: MachineFile, k: int, number: int, sensors: list[Entry], eds: vendor_eds.Eds | None) -> Pdo:
+    """Return TPDO `number` of node k with the fields of its sensors. Raises FaultError."""
     node = file.nodes[k]
     chosen = [(n, sensor) for n, sensor in sensors if sensor.pdo == number]
-    synchronous, sync, period = _timing(file, node, number)
+    timing = _timing(file, node, number)
     cob_id = next((pdo.cob_id for pdo in node.pdos if pdo.number == number), None)
     if cob_id is None and number > 4:
         raise FaultError(
@@ -147,7 +171,15 @@ def _pdo(file: MachineFile, k: int, number: int, sensors: list[Entry], eds: vend
         )
     fields = tuple(field for n, sensor in chosen for field in _fields(n, sensor, eds))
     can_id = cob_id if cob_id is not None else 0x100 * number + 0x80 + node.node_id
-    pdo = Pdo(can_id, node.node_id, number, synchronous, sync, period, fields)
+    pdo = Pdo(
+        can_id=can_id,
+        node_id=node.node_id,
+        number=number,
+        synchronous=timing.synchronous,
+        sync=timing.sync,
+        period_s=timing.period_s,
+        fields=fields,
+    )
     if pdo.length > 8:
         raise FaultError(
             ("sensors", chosen[-1][0], "pdo"), f"would hold {pdo.length} bytes, 8 at most: use another pdo"
@@ -156,6 +188,7 @@ def _pdo(file: MachineFile, k: int, number: int, sensors: list[Entry], eds: vend
 
 
 def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Field]:
+    """Return the field of sensor n, between the gaps before and after it. Raises FaultError."""
     field = Field(
         signal=sensor.name,
         index=sensor.object[0],
@@ -173,38 +206,51 @@ def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Fie
             ("sensors", n, "range"),
             f"exceeds what {name} with this scale can express: use a wider type or a larger scale",
         )
-    before, after = ([_gap(n, skipped, eds) for skipped in some] for some in (sensor.skip_before, sensor.skip_after))
+    before = [_gap(n, skipped, eds) for skipped in sensor.skip_before]
+    after = [_gap(n, skipped, eds) for skipped in sensor.skip_after]
     return [*before, field, *after]
 
 
 def _gap(n: int, skipped: Skipped, eds: vendor_eds.Eds | None) -> Field:
-    return Field(None, *skipped.object, _code(n, skipped, eds), 1.0, 0.0, "1", 0.0, 0.0)
+    """Return the field of an object that is mapped, but not used."""
+    index, sub = skipped.object
+    return Field(
+        signal=None,
+        index=index,
+        sub=sub,
+        code=_code(n, skipped, eds),
+        scale=1.0,
+        offset=0.0,
+        unit="1",
+        low=0.0,
+        high=0.0,
+    )
 
 
 def _code(n: int, mapped: SensorTable | Skipped, eds: vendor_eds.Eds | None) -> str:
-    """The struct code of a mapped object: the file's or the EDS file's; where both give one, they must agree."""
-    said = TYPES[mapped.type] if mapped.type else None
+    """Return the struct code of a mapped object from the file or the EDS file; where both give one, they must agree."""
+    by_file = TYPES[mapped.type] if mapped.type else None
     if eds is None:
-        if said is None:
+        if by_file is None:
             raise FaultError(("sensors", n), f"lacks the key type: write one of {', '.join(TYPES)}")
-        return said
+        return by_file
     try:
-        found = vendor_eds.mapped_code(eds, *mapped.object)
+        by_eds = vendor_eds.mapped_code(eds, *mapped.object)
     except vendor_eds.EdsError as error:
         raise FaultError(("sensors", n, "object"), f"does not agree with its node's EDS: {error}") from None
-    if said not in (None, found):
+    if by_file not in (None, by_eds):
         raise FaultError(
-            ("sensors", n, "type"), f"is {mapped.type}, its node's EDS says {TYPE_NAMES[found]}: correct it"
+            ("sensors", n, "type"), f"is {mapped.type}, its node's EDS says {TYPE_NAMES[by_eds]}: correct it"
         )
-    return found
+    return by_eds
 
 
 def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
-    """Raises FaultError unless a node whose mapping cannot be written already maps what the file says."""
+    """Raise FaultError unless a node whose mapping cannot be written already maps the sensors of the file."""
     mapped = vendor_eds.default_mapping(eds, pdo.number)
     wanted = tuple((f.index, f.sub, 8 * CODES[f.code]) for f in pdo.fields)
     if mapped != wanted:
-        shown = ", ".join(f"{i:04X}h:{s}" for i, s, _ in mapped) or "nothing"
+        shown = ", ".join(f"{index:04X}h:{sub}" for index, sub, bits in mapped) or "nothing"
         raise FaultError(
             key,
             f"maps {shown} into TPDO {pdo.number} and cannot be changed: list the sensors in that order",
@@ -212,7 +258,7 @@ def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
 
 
 def _fits(field: Field) -> bool:
-    """Whether the object's type holds the whole range, apart from the one value that means "no value"."""
+    """Return whether the object's type covers the whole range, without the one value that means "no value"."""
     if field.code == "f":
         return True
     bits = 8 * CODES[field.code]

@@ -1,4 +1,4 @@
-"""What is wrong with a machine file: each fault with file, line, key, limit and cure; all faults of a file together."""
+"""Faults of a machine file, each with file, line, key, limit and cure; all faults of a file together."""
 
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -10,7 +10,7 @@ Key = tuple[str | int, ...]
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# pydantic puts the kind of a linkage into the key; the file has none there
+# Kinds of linkages, which pydantic puts into keys; the file has no such part of a key.
 TAGS = ("triangle", "four_bar", "dogbone")
 UNITS = {
     "kg_m2": "kg m^2",
@@ -28,13 +28,20 @@ UNITS = {
 
 
 class SettingsError(ValueError):
-    """A machine file that cannot be used. Its text is one sentence with file, line, key and cure; where there are
-    several errors, a first line with the file and their number, then one such sentence on each line."""
+    """A machine file that cannot be used.
+
+    Its text is one sentence with file, line, key and cure. Where there are several errors, it is a first line with the
+    file and their number, then one such sentence on each line.
+    """
 
 
 class FaultError(ValueError):
-    """A fault at a key; `load` adds file and line. `missing`: the keys of which one is not there; `unknown`: the key
-    itself is not one that its table has."""
+    """A fault at a key; `load` adds file and line.
+
+    key: the key
+    missing: keys of which one is missing
+    unknown: whether the key itself is not one that its table has
+    """
 
     def __init__(
         self, key: Sequence[str | int], problem: str, missing: Sequence[str] = (), *, unknown: bool = False
@@ -45,56 +52,65 @@ class FaultError(ValueError):
 
 
 class Inspection:
-    """Collects what is wrong (`errors`) and what is unusual (`warnings`)."""
+    """Collects faults of a machine file.
+
+    errors: what prevents its use
+    warnings: what is unusual
+    """
 
     def __init__(self) -> None:
         self.errors: list[FaultError] = []
         self.warnings: list[FaultError] = []
 
     def refuse(self, key: Key, problem: str) -> None:
-        """One more error."""
+        """Add an error."""
         self.errors.append(FaultError(key, problem))
 
     def warn(self, key: Key, problem: str) -> None:
-        """One more warning."""
+        """Add a warning."""
         self.warnings.append(FaultError(key, problem))
 
     def attempt(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | None:
-        """The function's result, or None and one more error."""
+        """Return a function's result; None when it raises FaultError, which is added to the errors."""
         try:
             return function(*args, **kwargs)
-        except FaultError as found:
-            self.errors.append(found)
+        except FaultError as fault:
+            self.errors.append(fault)
             return None
 
 
 class Source(NamedTuple):
-    """A file's path, its text, and what TOML makes of it: enough to say where a key stands."""
+    """A file, with what is needed to find the line of a key.
+
+    path: its path
+    text: its text
+    raw: its content as TOML gives it
+    """
 
     path: Path
     text: str
     raw: object
 
 
-def report(source: Source, faults: Iterable[FaultError]) -> str:
-    """The text of a SettingsError: every fault once, in the order of the file."""
-    found = sentences(source, _merged(list(faults)))
-    if len(found) == 1:
-        return found[0]
-    return "\n".join([f"{source.path}: {len(found)} errors", *found])
+def error_text(source: Source, faults: Iterable[FaultError]) -> str:
+    """Return the text of a SettingsError: every fault once, in the order of the file."""
+    lines = sentences(source, _merged(list(faults)))
+    if len(lines) == 1:
+        return lines[0]
+    return "\n".join([f"{source.path}: {len(lines)} errors", *lines])
 
 
 def sentences(source: Source, faults: Iterable[FaultError]) -> tuple[str, ...]:
-    """Each fault as one sentence, in the order of the file."""
-    keys = [(written_key(source.raw, found.key), found) for found in faults]
-    lines = sorted(((line_of(source.text, key), key, found) for key, found in keys), key=lambda entry: entry[0])
-    said = [f"{source.path}:{line}: {dotted(source.raw, key)} {found}" for line, key, found in lines]
-    return tuple(dict.fromkeys(said))
+    """Return each fault as one sentence, in the order of the file."""
+    keys = [(written_key(source.raw, fault.key), fault) for fault in faults]
+    lines = sorted(((line_of(source.text, key), key, fault) for key, fault in keys), key=lambda entry: entry[0])
+    texts = [f"{source.path}:{line}: {dotted(source.raw, key)} {fault}" for line, key, fault in lines]
+    return tuple(dict.fromkeys(texts))
 
 
 def _merged(faults: list[FaultError]) -> list[FaultError]:
-    """A missing key and the misspelt one beside it are one error."""
-    for lacking in [found for found in faults if found.missing]:
+    """Merge a missing key and the misspelt one beside it into one error."""
+    for lacking in [fault for fault in faults if fault.missing]:
         beside = {str(f.key[-1]): f for f in faults if f.unknown and f.key[:-1] == lacking.key}
         for name in lacking.missing:
             close = get_close_matches(name, beside, 1)
@@ -109,7 +125,7 @@ def _merged(faults: list[FaultError]) -> list[FaultError]:
 
 
 def line_of(text: str, key: Key) -> int:
-    """Line (from 1) of a key, or of the nearest table around it that can be found without parsing."""
+    """Return the line (from 1) of a key, or of the nearest table around it that can be found without parsing."""
     lines, at = text.splitlines(), 0
     end = len(lines)
     for k, part in enumerate(key):
@@ -130,18 +146,19 @@ def line_of(text: str, key: Key) -> int:
 
 
 def _end(lines: list[str], header: int) -> int:
-    """Where the table ends that begins at a header: at the next header that does not belong to it."""
+    """Return the line at which the table of a header ends: at the next header that does not belong to it."""
     name = lines[header].strip().strip("[]").strip()
     others = _matches(lines, header + 1, rf"\s*\[+\s*(?!{re.escape(name)}\.)[\w.]+\s*\]")
     return others[0] if others else len(lines)
 
 
 def _matches(lines: list[str], start: int, pattern: str) -> list[int]:
+    """Return the lines from `start` on whose beginning matches, comments left out."""
     return [n for n in range(start, len(lines)) if re.match(pattern, lines[n].split("#")[0])]
 
 
 def dotted(raw: object, key: Key) -> str:
-    """The key as a dotted path, with the names of table entries in place of their numbers."""
+    """Return a key as a dotted path, with the names of table entries in place of their numbers."""
     parts: list[str] = []
     for part in key:
         raw = _entry(raw, part)
@@ -155,6 +172,7 @@ def dotted(raw: object, key: Key) -> str:
 
 
 def _entry(raw: object, part: str | int) -> object:
+    """Return one value of a table or array; None where there is none."""
     if isinstance(raw, dict):
         return raw.get(part)
     if isinstance(raw, list) and isinstance(part, int) and part < len(raw):
@@ -163,7 +181,7 @@ def _entry(raw: object, part: str | int) -> object:
 
 
 def written_key(raw: object, key: Key) -> Key:
-    """The key as the file has it: `range` stands there as `range_bar`, `range_deg`, ..."""
+    """Return the key as the file has it: `range` is written as `range_bar`, `range_deg`, ..."""
     table = value_at(raw, key[:-1])
     if not key or not isinstance(table, dict) or key[-1] in table:
         return key
@@ -172,21 +190,21 @@ def written_key(raw: object, key: Key) -> Key:
 
 
 def value_at(raw: object, key: Key) -> object:
-    """The value at a key; None where there is none."""
+    """Return the value at a key; None where there is none."""
     for part in key:
         raw = _entry(raw, part)
     return raw
 
 
 def unit_of(key: Key) -> str:
-    """The unit of a key whose name ends in one, as the end of a sentence ("; it is in mm"); else nothing."""
+    """Return the unit of a key whose name ends in one, as the end of a sentence ("; it is in mm"), else ""."""
     name = next((part for part in reversed(key) if isinstance(part, str)), "")
     unit = next((word for suffix, word in UNITS.items() if name.endswith(f"_{suffix}")), None)
     return f"; it is in {unit}" if unit else ""
 
 
 def shown(value: object) -> str:
-    """A value of the file for a message, cut short."""
+    """Return a value of the file for a message, cut short."""
     try:
         text = repr(value)
     except ValueError:  # an integer of more digits than Python prints

@@ -1,5 +1,7 @@
-"""identified.toml: the tares (identified parameters) of one machine and where they come from. Written by `cylforce
-identify`, accepted only with the machine file that it was identified with."""
+"""identified.toml: the tares (identified parameters) of one machine and their origin.
+
+`cylforce identify` writes it. It is accepted only with the machine file that it was identified with.
+"""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -22,15 +24,20 @@ from cylforce.signals.estimate import Array
 if TYPE_CHECKING:  # the service reads what identification wrote, without identification
     from cylforce.commissioning.identification import Identification
 
-FORMAT = 2
+FORMAT = 2  # version of the file's format
 UNSCALED = 1.0  # scale without a lift of a known weight
-SOUND_SCALE = (0.8, 1.25)  # measured over true force: bores and pins as the data sheet says change it by less
+SOUND_SCALE = (0.8, 1.25)  # limits of true over measured force: errors of bores and pins change it by less
 
 
 def write_identified(
     path: Path, found: "Identification", loaded: Loaded, recordings: Sequence[tuple[str, str]]
 ) -> None:
-    """Write the file whole or not at all; `recordings` are (name, SHA-256)."""
+    """Write the file whole or not at all.
+
+    found: the identification
+    loaded: the machine file
+    recordings: (name, SHA-256) of each
+    """
     table = IdentifiedFile(
         provenance=Provenance(
             format=FORMAT,
@@ -59,10 +66,13 @@ def write_identified(
 def write_attachment(
     path: Path, name: str, tares: Tares, loaded: Loaded, recordings: Sequence[tuple[str, str]]
 ) -> None:
-    """Add the tares with attachment `name` to a file, or replace them; `recordings` are (name, SHA-256). Raises
-    SettingsError as `read_identified`."""
+    """Add the tares with an attachment to a file, or replace them. Raises SettingsError as `read_identified`.
+
+    name: name of the attachment
+    recordings: (name, SHA-256) of each
+    """
     read_identified(path, loaded)
-    made = IdentifiedAttachment(
+    added = IdentifiedAttachment(
         name=name,
         recordings=tuple(name for name, _ in recordings),
         recording_sha256=tuple(sha256 for _, sha256 in recordings),
@@ -73,16 +83,19 @@ def write_attachment(
     )
     file = _read(path)
     others = tuple(other for other in file.attachments if other.name != name)
-    _write(path, file.model_copy(update={"attachments": (*others, made)}), f"attachment {name} identified")
+    _write(path, file.model_copy(update={"attachments": (*others, added)}), f"attachment {name} identified")
 
 
 def _now() -> str:
+    """Return the present time (UTC) for the file."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def seal_again(path: Path, loaded: Loaded, reason: str) -> tuple[tuple[str, ...], Seal]:
-    """Seal a file as it is now: what was changed, and the new seal. Raises SettingsError for a file that could not be
-    used anyway."""
+    """Seal a file as it is now; return the keys that were changed, and the new seal.
+
+    Raises SettingsError for a file that could not be used anyway.
+    """
     file = _read(path).model_copy(update={"provenance": _read(path).provenance.model_copy(update={"format": FORMAT})})
     _check_origin(path, file, loaded)
     _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
@@ -91,13 +104,14 @@ def seal_again(path: Path, loaded: Loaded, reason: str) -> tuple[tuple[str, ...]
 
 
 def _write(path: Path, table: IdentifiedFile, reason: str) -> Seal:
-    made = sealed(table.content, table.seal, _now(), reason, controller=controller_id())
-    table = table.model_copy(update={"seal": made})
+    """Seal and write the file; return the seal."""
+    seal = sealed(table.content, table.seal, _now(), reason, controller=controller_id())
+    table = table.model_copy(update={"seal": seal})
     with replacing(path) as temporary:
         temporary.write_text(
             _COMMENT + tomlkit.dumps(table.model_dump(mode="json", exclude_none=True)), encoding="utf-8"
         )
-    return made
+    return seal
 
 
 _COMMENT = """\
@@ -107,6 +121,7 @@ _COMMENT = """\
 
 
 def _parameters(found: "Identification") -> tuple[IdentifiedParameter, ...]:
+    """Return the identified parameters as the file has them."""
     error = np.sqrt(np.diag(found.tares.covariance))
     return tuple(
         IdentifiedParameter(
@@ -121,44 +136,53 @@ def _parameters(found: "Identification") -> tuple[IdentifiedParameter, ...]:
 
 
 def read_identified(path: Path, loaded: Loaded) -> Tares:
-    """The tares. Raises SettingsError when the file is broken or belongs to another machine or version."""
+    """Read the tares. Raises SettingsError when the file is broken or belongs to another machine or version."""
     file = _read(path)
     _check_origin(path, file, loaded)
     _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
     _check_seal(path, file, loaded)
-    names, values = tuple(p.name for p in file.parameters), np.array([p.value for p in file.parameters])
-    left = np.array(file.unexplained_torque_n_m)
-    differ = BetweenStrokes(file.friction_between_strokes, file.zero_between_strokes_pa)
-    scales = (file.scale, file.scale_standard_error)
-    rest = (*scales, file.unexplained_correlation_s, differ, file.common_scale_error or 0.0)
-    return Tares(file.friction, names, values, np.array(file.covariance), left, True, *rest)
+    return Tares(
+        friction=file.friction,
+        names=tuple(p.name for p in file.parameters),
+        values=np.array([p.value for p in file.parameters]),
+        covariance=np.array(file.covariance),
+        row_error=np.array(file.unexplained_torque_n_m),
+        identified=True,
+        scale=file.scale,
+        scale_error=file.scale_standard_error,
+        correlation=file.unexplained_correlation_s,
+        between_strokes=BetweenStrokes(friction=file.friction_between_strokes, zero=file.zero_between_strokes_pa),
+        common_error=file.common_scale_error or 0.0,
+    )
 
 
 def read_attachments(path: Path, loaded: Loaded) -> dict[str, Tares]:
-    """The tares with each attachment that was identified, by its name. Raises SettingsError."""
-    common, file, found = read_identified(path, loaded), _read(path), dict[str, Tares]()
-    for said in file.attachments:
-        if said.name not in loaded.service.tools:
-            raise SettingsError(f"{path}: attachments: {said.name} is none of {loaded.path}; identify it again")
+    """Read the tares with each attachment that was identified, by its name. Raises SettingsError."""
+    common, file, tares = read_identified(path, loaded), _read(path), dict[str, Tares]()
+    for added in file.attachments:
+        if added.name not in loaded.service.tools:
+            raise SettingsError(f"{path}: attachments: {added.name} is none of {loaded.path}; identify it again")
         known = file.model_copy(
-            update={"covariance": said.covariance, "unexplained_torque_n_m": said.unexplained_torque_n_m}
+            update={"covariance": added.covariance, "unexplained_torque_n_m": added.unexplained_torque_n_m}
         )
         _check_numbers(path, known, Model(loaded.service.machine, loaded.service.filters, file.friction))
-        if len(said.values) != len(common.values):
+        if len(added.values) != len(common.values):
             raise SettingsError(
-                f"{path}: attachments: {said.name} has not {len(common.values)} values; identify it again"
+                f"{path}: attachments: {added.name} has not {len(common.values)} values; identify it again"
             )
-        found[said.name] = common._replace(
-            values=np.array(said.values),
-            covariance=np.array(said.covariance),
-            row_error=np.array(said.unexplained_torque_n_m),
+        tares[added.name] = common._replace(
+            values=np.array(added.values),
+            covariance=np.array(added.covariance),
+            row_error=np.array(added.unexplained_torque_n_m),
         )
-    return found
+    return tares
 
 
 def identified_warnings(path: Path) -> tuple[str, ...]:
-    """The sentences that `cylforce identify` wrote into the file beside the parameters, and one about a file that was
-    written before the scale was estimated. Raises SettingsError."""
+    """Return the warnings that `cylforce identify` wrote into the file. Raises SettingsError.
+
+    A file that was written before the scale was estimated gets a warning about that.
+    """
     file = _read(path)
     if file.common_scale_error is not None or file.scale != UNSCALED:
         return file.warnings
@@ -170,11 +194,12 @@ def identified_warnings(path: Path) -> tuple[str, ...]:
 
 
 def _read(path: Path) -> IdentifiedFile:
+    """Read the file without comparing it with a machine file. Raises SettingsError."""
     return read_written(path, IdentifiedFile, "cylforce identify", _check_kind)
 
 
 def _check_kind(path: Path, raw: Mapping[str, object]) -> None:
-    """Whether it is a file of `cylforce identify` at all. Raises SettingsError."""
+    """Raise SettingsError for a file that `cylforce identify` did not write."""
     if not raw:
         raise SettingsError(f"{path}: is empty; run `cylforce identify` again")
     if "provenance" not in raw:
@@ -183,15 +208,16 @@ def _check_kind(path: Path, raw: Mapping[str, object]) -> None:
 
 
 def _check_origin(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:
-    said = file.provenance
-    if said.format != FORMAT:
+    """Raise SettingsError for a file of another format, machine file or set of friction laws."""
+    origin = file.provenance
+    if origin.format != FORMAT:
         raise SettingsError(
-            f"{path}: is of format {said.format}, this version reads {FORMAT}; identify again, or `cylforce seal`"
+            f"{path}: is of format {origin.format}, this version reads {FORMAT}; identify again, or `cylforce seal`"
         )
-    if said.machine_sha256 != loaded.sha256:
+    if origin.machine_sha256 != loaded.sha256:
         raise SettingsError(
-            f"{path}: was identified with another machine file ({said.machine!r}, sha256 {said.machine_sha256[:12]}…) "
-            f"than {loaded.path} ({loaded.sha256[:12]}…); identify again with this one"
+            f"{path}: was identified with another machine file ({origin.machine!r}, sha256 "
+            f"{origin.machine_sha256[:12]}…) than {loaded.path} ({loaded.sha256[:12]}…); identify again with this one"
         )
     if not {FRICTION[0]} <= set(file.friction) <= set(FRICTION):
         raise SettingsError(
@@ -200,6 +226,7 @@ def _check_origin(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:
 
 
 def _check_seal(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:
+    """Raise SettingsError for a file that is not as it was sealed."""
     changed = ("seal",) if file.seal is None else broken(file.content, file.seal)
     if changed:
         raise SettingsError(
@@ -209,11 +236,12 @@ def _check_seal(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:
 
 
 def identified_seal(path: Path) -> Seal | None:
-    """The seal of a file. Raises SettingsError."""
+    """Return the seal of a file. Raises SettingsError."""
     return _read(path).seal
 
 
 def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
+    """Raise SettingsError for parameters that do not fit the model or are impossible."""
     size, rows = len(model.parameters), len(model.machine.rows)
     if tuple(p.name for p in file.parameters) != tuple(p.name for p in model.parameters):
         raise SettingsError(f"{path}: parameters: are not those of {model.machine.name}; identify again")
@@ -230,6 +258,7 @@ def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
 
 
 def _is_covariance(matrix: Array) -> bool:
+    """Return whether a matrix is symmetric and positive, within rounding."""
     variance = np.diag(matrix)
     if not np.all(variance > 0.0):
         return False

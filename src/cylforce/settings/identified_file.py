@@ -1,4 +1,4 @@
-"""What identified.toml holds: tables and keys."""
+"""Tables and keys of identified.toml."""
 
 from typing import Annotated
 
@@ -17,7 +17,15 @@ class _Strict(BaseModel):
 
 
 class Provenance(_Strict):
-    """Where the parameters come from."""
+    """Origin of the parameters.
+
+    format: version of the file's format
+    machine: name of the machine
+    machine_sha256: hash of its machine file
+    recordings, recording_sha256: names and hashes of the recordings
+    date: time of the identification
+    cylforce: version of the program
+    """
 
     format: int
     machine: str
@@ -29,7 +37,12 @@ class Provenance(_Strict):
 
 
 class IdentifiedParameter(_Strict):
-    """One parameter. Not `from_recording`: the recording does not determine it, so the data sheet's value was kept."""
+    """One parameter.
+
+    name, unit: as in the model
+    value, standard_error: in that unit
+    from_recording: whether the recording determines it; otherwise the data sheet's value was kept
+    """
 
     name: str
     unit: str
@@ -39,7 +52,15 @@ class IdentifiedParameter(_Strict):
 
 
 class IdentifiedAttachment(_Strict):
-    """The parameters with another tool: `values` and `covariance` in the order of the file's `parameters`."""
+    """The parameters with another tool.
+
+    name: name of the attachment
+    recordings, recording_sha256: names and hashes of the recordings
+    date: time of the identification
+    unexplained_torque_n_m: (R,) rms residual of each measured joint [N m]
+    values: (P,) in the order of the file's `parameters`
+    covariance: (P, P)
+    """
 
     name: str
     recordings: tuple[str, ...]
@@ -51,9 +72,23 @@ class IdentifiedAttachment(_Strict):
 
 
 class IdentifiedFile(_Strict):
-    """The whole file; `warnings`: sentences why these parameters should not be trusted, which every use repeats;
-    `common_scale_error`: what the data sheet's masses allow of a common scale of all pressures, relative; 0 after a
-    lift of a known weight, None in files that were written before there was such a key."""
+    """The whole file.
+
+    provenance: origin of the parameters
+    warnings: sentences why these parameters should not be trusted, which every use repeats
+    friction: names of the friction laws
+    scale, scale_standard_error: factor on the residual torque from a lift of a known weight
+    unexplained_torque_n_m: (R,) rms residual of each measured joint [N m]
+    unexplained_correlation_s: time for which the residual keeps its sign [s]
+    friction_between_strokes: spread of friction between strokes, as a share
+    zero_between_strokes_pa: spread of a pressure's zero between strokes [Pa]
+    common_scale_error: relative error of a common scale of all pressures that the data sheet's masses allow; 0 after a
+        lift of a known weight; None in files that were written before this key existed
+    parameters: (P,) parameters
+    covariance: (P, P) their covariance
+    attachments: parameters with other tools
+    seal: hash of every key; None: never sealed
+    """
 
     provenance: Provenance
     warnings: tuple[str, ...] = ()
@@ -72,7 +107,7 @@ class IdentifiedFile(_Strict):
 
     @property
     def content(self) -> dict[str, JsonValue]:
-        """What is sealed: everything but the seal, and keys that the file does not have."""
+        """Return what is sealed: everything but the seal, and keys that the file does not have."""
         absent = {"common_scale_error"} if self.common_scale_error is None else set[str]()
-        found: dict[str, JsonValue] = self.model_dump(mode="json", exclude={"seal", *absent})
-        return found
+        content: dict[str, JsonValue] = self.model_dump(mode="json", exclude={"seal", *absent})
+        return content

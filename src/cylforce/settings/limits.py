@@ -1,8 +1,9 @@
-"""Limits of single values in a machine file: what cannot be is refused, what is unusual gets a warning.
+"""Limits of single values in a machine file: an impossible value is refused, an unusual one gets a warning.
 
-A hard limit (`gt`, `ge`, `lt`, `le`) lies beyond anything that is built, so that only an error of unit or sign
-crosses it. The typical range is what construction machines have, from mini excavators of 0.8 t to machines of 100 t
-and loader cranes. Where no standard is named, a limit is the rounded extreme of such machines' data sheets."""
+A hard limit (`gt`, `ge`, `lt`, `le`) lies beyond anything that is built, so that only an error of unit or sign crosses
+it. The typical range is what construction machines have, from mini excavators of 0.8 t to machines of 100 t and loader
+cranes. Where no standard is named, a limit is the rounded extreme of such machines' data sheets.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,13 +20,16 @@ HUGE = 1e12  # beyond this nothing is a measurement, and squares overflow
 
 @dataclass(frozen=True, slots=True)
 class Typical:
-    """The range that machines have, both ends included."""
+    """The range of a value that machines have, both ends included.
+
+    low, high: in the unit of the key
+    """
 
     low: float
     high: float
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """The range as "x-typical": editors ignore it, the table of keys in config/README.md shows it."""
+        """Add the range as "x-typical": editors ignore it, the table of keys in config/README.md shows it."""
         return {**handler(core), "x-typical": [self.low, self.high]}
 
 
@@ -83,14 +87,15 @@ Force = Annotated[float, Field(gt=1, lt=HUGE), Typical(1000, 3_000_000)]
 
 
 def unusual(table: BaseModel, key: Key = ()) -> Iterator[FaultError]:
-    """What lies outside the typical range in a table and in all tables within it."""
+    """Yield every value outside its typical range in a table and in all tables within it."""
     for name, field in type(table).model_fields.items():
-        own = [part for part in field.metadata if isinstance(part, Typical)]
-        typical = own[0] if own else _typical_within(field.annotation)
+        direct = [part for part in field.metadata if isinstance(part, Typical)]
+        typical = direct[0] if direct else _typical_within(field.annotation)
         yield from _unusual_value(getattr(table, name), typical, (*key, name))
 
 
 def _unusual_value(value: object, typical: Typical | None, key: Key) -> Iterator[FaultError]:
+    """Yield what is unusual about a value, or about the values within it."""
     if isinstance(value, BaseModel):
         yield from unusual(value, key)
     elif isinstance(value, tuple):
@@ -102,7 +107,7 @@ def _unusual_value(value: object, typical: Typical | None, key: Key) -> Iterator
 
 
 def _typical_within(hint: object) -> Typical | None:
-    """The typical range in a type hint such as `tuple[Length, Length] | None`."""
+    """Return the typical range in a type hint such as `tuple[Length, Length] | None`; None: there is none."""
     if isinstance(hint, Typical):
         return hint
-    return next((found for part in get_args(hint) if (found := _typical_within(part))), None)
+    return next((typical for part in get_args(hint) if (typical := _typical_within(part))), None)

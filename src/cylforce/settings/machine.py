@@ -24,11 +24,11 @@ from cylforce.settings.model import MachineFile
 from cylforce.signals.kinds import Signal
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE, STANDARD_GRAVITY
 
-LIMIT = 1.0 / sqrt(3.0)  # a tolerance is the half-width of a uniform distribution (GUM 4.3.7): its standard deviation
+LIMIT = 1.0 / sqrt(3.0)  # standard error over tolerance, the half-width of a uniform distribution (GUM 4.3.7)
 
 
 def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection) -> Machine | None:
-    """The Machine, or None when a link or a cylinder cannot be used; every error goes to `findings`."""
+    """Return the machine; None when a link or a cylinder cannot be used. Every error goes to `findings`."""
     tool = complex(*file.tool.point_m)
     links = [findings.attempt(_link, file, k) for k in range(len(file.links))]
     cylinders = [findings.attempt(_cylinder, file, k) for k in range(len(file.cylinders))]
@@ -51,7 +51,7 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
 
 
 def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
-    """The machine with attachment `k` in the place of its last link."""
+    """Return the machine with attachment k in the place of its last link."""
     table, last = file.attachments[k], standard.links[-1]
     tool = complex(*table.point_m)
     inertia = table.inertia_kg_m2 or table.mass_kg * abs(tool) ** 2 / 12.0
@@ -79,16 +79,17 @@ def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
 
 
 def _curled(table: ToolTable) -> tuple[float, float] | None:
+    """Return the angles of the last joint [rad] at which loads are booked; None: any."""
     return None if table.curled_deg is None else (table.curled_deg[0] * DEGREE, table.curled_deg[1] * DEGREE)
 
 
 def _gravity(table: MachineTable) -> float:
-    """Gravity [m/s^2] where the machine works: as given, or of its place; else the standard one."""
+    """Return gravity [m/s^2] where the machine works: as given, or that of its place, else the standard one."""
     if table.gravity_m_s2 is not None and table.latitude_deg is not None:
         problem = "and latitude_deg both say what gravity is: keep gravity_m_s2 if it was measured, else latitude_deg"
         raise FaultError(("machine", "gravity_m_s2"), problem)
     if table.height_m is not None and table.latitude_deg is None:
-        problem = "says nothing without a latitude: add latitude_deg, or remove height_m"
+        problem = "has no effect without a latitude: add latitude_deg, or remove height_m"
         raise FaultError(("machine", "height_m"), problem)
     if table.latitude_deg is None:
         return table.gravity_m_s2 or STANDARD_GRAVITY
@@ -96,6 +97,7 @@ def _gravity(table: MachineTable) -> float:
 
 
 def _link(file: MachineFile, k: int) -> Link:
+    """Return link k in SI. Raises FaultError."""
     table = file.links[k]
     length = _length(file, k)
     inertia = table.inertia_kg_m2 or table.mass_kg * length**2 / 12.0
@@ -115,15 +117,17 @@ def _link(file: MachineFile, k: int) -> Link:
 
 
 def _errors(table: LinkTable | AttachmentTable, inertia: float) -> dict[str, float]:
-    near = table.tolerance
+    """Return the standard errors of a link from its tolerances."""
+    tolerance = table.tolerance
     return {
-        "mass_error": LIMIT * near.mass_percent / 100.0 * table.mass_kg,
-        "centre_error": LIMIT * near.centre_m,
-        "inertia_error": LIMIT * near.inertia_percent / 100.0 * inertia,
+        "mass_error": LIMIT * tolerance.mass_percent / 100.0 * table.mass_kg,
+        "centre_error": LIMIT * tolerance.centre_m,
+        "inertia_error": LIMIT * tolerance.inertia_percent / 100.0 * inertia,
     }
 
 
 def _length(file: MachineFile, k: int) -> float:
+    """Return the length of link k [m]. Raises FaultError."""
     length = file.links[k].length_m
     if length is not None:
         return length
@@ -134,6 +138,7 @@ def _length(file: MachineFile, k: int) -> float:
 
 
 def _cylinder(file: MachineFile, k: int) -> Cylinder:
+    """Return cylinder k in SI. Raises FaultError."""
     table = file.cylinders[k]
     bore, rod = table.bore_mm * MILLIMETRE, table.rod_mm * MILLIMETRE
     return Cylinder(
@@ -150,6 +155,7 @@ def _cylinder(file: MachineFile, k: int) -> Cylinder:
 
 
 def _linkage(file: MachineFile, table: CylinderTable) -> Linkage:
+    """Return the linkage of a cylinder."""
     shape = table.linkage
     if isinstance(shape, TriangleTable):
         return linkages.Triangle(_pin(file, shape.foot), _pin(file, shape.eye))
@@ -159,6 +165,7 @@ def _linkage(file: MachineFile, table: CylinderTable) -> Linkage:
 
 
 def _dogbone(file: MachineFile, shape: DogboneTable) -> Linkage:
+    """Return a dogbone as a four-bar whose rocker is the inner bar."""
     return linkages.FourBar(
         foot=_pin(file, shape.foot),
         rocker_pin=_pin(file, shape.inner_pin),
@@ -170,6 +177,7 @@ def _dogbone(file: MachineFile, shape: DogboneTable) -> Linkage:
 
 
 def _four_bar(file: MachineFile, shape: FourBarTable) -> Linkage:
+    """Return a four-bar."""
     return linkages.FourBar(
         foot=_pin(file, shape.foot),
         rocker_pin=_pin(file, shape.rocker_pin),
@@ -182,4 +190,5 @@ def _four_bar(file: MachineFile, shape: FourBarTable) -> Linkage:
 
 
 def _pin(file: MachineFile, pin: Pin) -> chain.Pin:
+    """Return number of the body and place x + i z [m] of a pin."""
     return (CHASSIS, *(link.name for link in file.links)).index(pin.body), complex(*pin.at_m)

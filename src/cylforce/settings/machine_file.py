@@ -1,4 +1,4 @@
-"""`load`: a machine file (TOML) becomes the checked, frozen settings of the service, or a list of all its errors."""
+"""Load a machine file (TOML): it becomes the checked, frozen settings of the service, or a list of all its errors."""
 
 import hashlib
 import re
@@ -13,27 +13,34 @@ from cylforce.mechanics.installation import Attachment, Filters, Health, SensorN
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import nodes, own_pdos
 from cylforce.settings.checks.names import name_faults
-from cylforce.settings.checks.plausibility import attachment_doubts, doubts
-from cylforce.settings.error import FaultError, Inspection, SettingsError, Source, report, sentences
+from cylforce.settings.checks.plausibility import inspect_attachment, inspect_machine
+from cylforce.settings.error import FaultError, Inspection, SettingsError, Source, error_text, sentences
 from cylforce.settings.limits import unusual
 from cylforce.settings.machine import attachment, machine
 from cylforce.settings.model import FilterTable, HealthTable, MachineFile
 from cylforce.settings.sections import read_sections
-from cylforce.settings.signals import columns, enough_faults, signals
+from cylforce.settings.signals import columns, measurement_faults, signals
 from cylforce.settings.units import file_in_si
 from cylforce.signals.layout import Pdo
 from cylforce.signals.units import DEGREE, MILLISECOND
 
 __all__ = ["Loaded", "SettingsError", "default_filters", "load", "load_text"]
 
+# Sections that must be right before the arm and the bus can be built.
 ARM = frozenset({"machine", "links", "tool", "cylinders", "attachments"})
 BUS = frozenset({"machine", "nodes", "sensors", "publication", "filter", "attachments"})
 
 
 class Loaded(NamedTuple):
-    """A machine file: the settings, where its recordings' tables have time and signals (None: in `t_s` and under the
-    sensors' names, SI), the file itself and its SHA-256 as hexadecimal digits. `warnings`: what is possible but
-    unusual, one sentence each."""
+    """A loaded machine file.
+
+    service: the settings
+    columns: where its recordings' tables have time and signals; None: in `t_s` and under the sensors' names, SI
+    path: path of the file
+    text: its text
+    sha256: hash of the text, as hexadecimal digits
+    warnings: what is possible but unusual, one sentence each
+    """
 
     service: Service
     columns: TableMap | None
@@ -44,7 +51,14 @@ class Loaded(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Parts of the settings made from a file; None where an error prevents it."""
+    """Parts of the settings made from a file; None or empty where an error prevents it.
+
+    machine: the machine with the standard tool
+    attachments: the machine with each attachment
+    nodes: sensor nodes
+    publication: TPDOs that the service sends
+    columns: where recordings' tables have time and signals
+    """
 
     machine: Machine | None = None
     attachments: tuple[Attachment, ...] = ()
@@ -56,35 +70,33 @@ class Parts(NamedTuple):
 def load(path: Path | str) -> Loaded:
     """Read a machine file.
 
-    Raises
-    ------
-    SettingsError
-        With every error of the file, each a sentence that names file, line, key, limit and cure.
+    Raises SettingsError with every error of the file, each a sentence that names file, line, key, limit and cure.
     """
     where = Path(path)
     return load_text(_text(where), where)
 
 
 def load_text(text: str, where: Path) -> Loaded:
-    """The same of the text of a machine file that is at `where`, or was read from there. Raises SettingsError."""
+    """Read the text of a machine file that is at `where`, or was read from there. Raises SettingsError as `load`."""
     findings, raw = Inspection(), _parsed(where, text)
     if "provenance" in raw and "machine" not in raw:
         raise SettingsError(f"{where}: is no machine file but one of `cylforce identify`: give it with --identified")
     source = Source(where, text, raw)
     file, parts = _checked(raw, where.parent, findings)
     if findings.errors or parts.machine is None:
-        raise SettingsError(report(source, findings.errors))
+        raise SettingsError(error_text(source, findings.errors))
     service = _service(file, parts.machine, parts)
     warnings = sentences(source, findings.warnings)
     return Loaded(service, parts.columns, where, text, hashlib.sha256(text.encode()).hexdigest(), warnings)
 
 
 def default_filters() -> Filters:
-    """Rates and cut-offs of a machine file that says nothing about them."""
+    """Return rates and cut-offs of a machine file without a section about them."""
     return _filters(FilterTable())
 
 
 def _text(path: Path) -> str:
+    """Return the text of the file. Raises SettingsError."""
     if is_stream(path):
         raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give the path of a machine file")
     if is_large(path):
@@ -101,6 +113,7 @@ def _text(path: Path) -> str:
 
 
 def _parsed(path: Path, text: str) -> dict[str, Any]:
+    """Return the content of TOML. Raises SettingsError."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # of TOML, of an endless number, of endless brackets
@@ -108,22 +121,24 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
 
 
 def _syntax(path: Path, text: str, problem: str) -> str:
-    """A sentence for an error of TOML, which has a line but names no key."""
+    """Return a sentence for an error of TOML, which has a line but names no key."""
     place = re.search(r" \(at line (\d+), column \d+\)", problem)
     if place is None:
         return f"{path}: is not TOML: {problem}; correct it"
     number = int(place[1])
     line = text.splitlines()[number - 1].strip() if number <= len(text.splitlines()) else ""
     problem = problem.replace(place[0], "")
-    cure = "it stands there twice: remove one" if "overwrite" in problem or "twice" in problem else "correct it"
+    cure = "it is there twice: remove one" if "overwrite" in problem or "twice" in problem else "correct it"
     return f"{path}:{number}: {line[:60]!r} is not TOML: {problem}; {cure}"
 
 
 def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[MachineFile, Parts]:
-    """The file's sections and what they become. Each stage runs when the sections that it needs are right."""
+    """Return the file's sections and the parts made from them; each stage runs when the sections that it needs are
+    right.
+    """
     file, good = read_sections(file_in_si(raw, findings), raw, findings)
     findings.errors.extend(name_faults(raw))
-    bad = {str(found.key[0]) for found in findings.errors if found.key}
+    bad = {str(error.key[0]) for error in findings.errors if error.key}
     good -= bad
     findings.errors.extend(_filter_faults(file.filter) if "filter" in good else ())
     parts = Parts()
@@ -141,34 +156,35 @@ def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[M
 
 
 def _machine(file: MachineFile, good: frozenset[str], findings: Inspection) -> Machine | None:
-    """The Machine, with its signals where the bus is right, and what is doubtful about it."""
-    seen = signals(file, findings) if good >= BUS else ()
-    built = machine(file, seen, findings)
+    """Return the machine, with its signals where the bus is right, and check it."""
+    measured = signals(file, findings) if good >= BUS else ()
+    built = machine(file, measured, findings)
     if built is not None:
-        if good >= BUS and len(seen) == len(file.sensors):
-            findings.errors.extend(enough_faults(file, built))
-        found = doubts(built)
-        findings.errors.extend(found.errors)
-        findings.warnings.extend(found.warnings)
+        if good >= BUS and len(measured) == len(file.sensors):
+            findings.errors.extend(measurement_faults(file, built))
+        inspected = inspect_machine(built)
+        findings.errors.extend(inspected.errors)
+        findings.warnings.extend(inspected.warnings)
     return built
 
 
 def _attachments(file: MachineFile, standard: Machine, findings: Inspection) -> tuple[Attachment, ...]:
-    """The machine with each attachment, and what is doubtful about it."""
-    made = []
+    """Return the machine with each attachment, and check it."""
+    attachments = []
     for k, table in enumerate(file.attachments):
         built = attachment(file, k, standard)
-        found = attachment_doubts(built, standard, k)
-        findings.errors.extend(found.errors)
-        findings.warnings.extend(found.warnings)
-        made.append(Attachment(table.name, table.kind, built))
-    return tuple(made)
+        inspected = inspect_attachment(built, standard, k)
+        findings.errors.extend(inspected.errors)
+        findings.warnings.extend(inspected.warnings)
+        attachments.append(Attachment(name=table.name, kind=table.kind, machine=built))
+    return tuple(attachments)
 
 
 def _unusual(file: MachineFile, name: str) -> list[FaultError]:
+    """Return the unusual values of a section."""
     section = getattr(file, name)
     if isinstance(section, tuple):
-        return [found for k, table in enumerate(section) for found in unusual(table, (name, k))]
+        return [warning for k, table in enumerate(section) for warning in unusual(table, (name, k))]
     return list(unusual(section, (name,))) if section is not None else []
 
 
@@ -176,6 +192,7 @@ CUT_OFFS, FAST = ("channel_hz", "regressor_hz", "smoothing_hz"), ("force_hz", "i
 
 
 def _filter_faults(table: FilterTable) -> list[FaultError]:
+    """Return cut-offs at or above half of the rate; defaults of the force's filters are lowered instead."""
     nyquist = table.rate_hz / 2.0
     keys = [key for key in CUT_OFFS if getattr(table, key) >= nyquist]
     keys += [key for key in FAST if key in table.model_fields_set and getattr(table, key) >= nyquist]
@@ -184,6 +201,7 @@ def _filter_faults(table: FilterTable) -> list[FaultError]:
 
 
 def _service(file: MachineFile, built: Machine, parts: Parts) -> Service:
+    """Return all settings."""
     return Service(
         machine=built,
         nodes=parts.nodes,
@@ -201,6 +219,7 @@ def _service(file: MachineFile, built: Machine, parts: Parts) -> Service:
 
 
 def _filters(table: FilterTable) -> Filters:
+    """Return rates and cut-offs."""
     return Filters(
         rate_hz=table.rate_hz,
         channel_hz=table.channel_hz,
@@ -213,6 +232,7 @@ def _filters(table: FilterTable) -> Filters:
 
 
 def _health(table: HealthTable) -> Health:
+    """Return the limits of signals in SI."""
     return Health(
         hold_s=table.hold_ms * MILLISECOND,
         good_frames=table.good_frames,

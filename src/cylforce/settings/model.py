@@ -21,19 +21,21 @@ TypeName = Literal["i8", "u8", "i16", "u16", "i32", "u32", "f32"]
 
 
 def _address(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is checked
+    """Return index and sub-index from a text such as "7130h:1". Raises ValueError."""
     if not isinstance(value, str):
         return value
     index, colon, sub = value.lower().partition(":")
     try:
-        found = (int(index.removesuffix("h"), 16), int(sub, 0) if colon else 0)
+        address = (int(index.removesuffix("h"), 16), int(sub, 0) if colon else 0)
     except ValueError:
         raise ValueError(f'is {value!r}: write index (hex) and sub-index, e.g. "7130h:1"') from None
-    if not (0x1000 <= found[0] <= 0xFFFF and 0 <= found[1] <= 254):
+    if not (0x1000 <= address[0] <= 0xFFFF and 0 <= address[1] <= 254):
         raise ValueError(f"is {value!r}: the index must be 1000h-FFFFh, the sub-index 0-254")
-    return found
+    return address
 
 
 def _not_zero(value: float) -> float:
+    """Return a size of one digit. Raises ValueError for 0."""
     if value == 0.0:
         raise ValueError("is 0: give the size of one digit")
     return value

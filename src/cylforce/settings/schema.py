@@ -1,5 +1,6 @@
 """JSON schema of the machine file: for editors that complete and check TOML, and for the table of keys in
-config/README.md."""
+config/README.md.
+"""
 
 from typing import Any
 
@@ -12,8 +13,10 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def machine_file_schema() -> Schema:
-    """The schema (draft 2020-12), made from the models that check a file. It does not check what needs several tables
-    at once (names, references, geometry)."""
+    """Return the schema (draft 2020-12), made from the models that check a file.
+
+    It does not check what needs several tables at once (names, references, geometry).
+    """
     schema = MachineFile.model_json_schema(mode="validation")
     tables: dict[str, Schema] = schema["$defs"]
     tables["SignalColumn"] = SignalColumn.model_json_schema()
@@ -26,7 +29,7 @@ def machine_file_schema() -> Schema:
 
 
 def _write_units(table: Schema, words: tuple[str, ...], units: list[str]) -> None:
-    """The keys as the file has them: `range_bar`, `range_deg`, ... in the place of `range`."""
+    """Replace keys by those that the file has: `range_bar`, `range_deg`, ... instead of `range`."""
     properties: dict[str, Schema] = {}
     for name, of_key in table["properties"].items():
         if name in words:
@@ -38,16 +41,18 @@ def _write_units(table: Schema, words: tuple[str, ...], units: list[str]) -> Non
 
 
 def _with_unit(of_key: Schema, suffix: str) -> Schema:
+    """Return the schema of a key with a unit; a default in SI is left out."""
     default = {"default": of_key["default"]} if of_key.get("default") is None and "default" in of_key else {}
     return {**{k: v for k, v in of_key.items() if k not in ("default", "title")}, **default, "title": f"in {suffix}"}
 
 
 def _suffixes(units: list[str]) -> list[str]:
+    """Return the suffixes of keys in these SI units."""
     return [suffix for unit in units for suffix in SUFFIXES[unit]]
 
 
 def _units_of_kind(kind: str, unit: str) -> Schema:
-    """A sensor of this kind has a range, and no key in the unit of another quantity."""
+    """Require that a sensor of this kind has a range, and no key in the unit of another quantity."""
     others = [suffix for suffix in _suffixes(list(SUFFIXES)) if suffix not in SUFFIXES[unit]]
     foreign = {f"{word}_{suffix}": False for word in WORDS for suffix in others}
     ranges = [{"required": [f"range_{suffix}"]} for suffix in SUFFIXES[unit]]

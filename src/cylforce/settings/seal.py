@@ -1,7 +1,8 @@
-"""The seal of identified.toml: a hash of every key, so that a value that was edited is found and named.
+"""The seal of identified.toml: a hash of every key, so that a value that was edited is detected and named.
 
-It proves that nothing was changed by mistake, by a broken disk, or by an editor; it is no signature: whoever can write
-the file can seal it, which `cylforce seal` does, with a reason that stays in the file and in the audit trail."""
+It proves that nothing was changed by mistake, by a broken disk, or by an editor. It is no signature: whoever can write
+the file can seal it, which `cylforce seal` does, with a reason that stays in the file and in the audit trail.
+"""
 
 import getpass
 import hashlib
@@ -12,9 +13,15 @@ from pydantic import BaseModel, ConfigDict, JsonValue
 
 
 class Seal(BaseModel):
-    """`keys`: SHA-256 of each key of the file; `counter` grows with every seal; when, by whom and why; `before`: the
-    seal's own hash that was in the file before (empty: none); on which `controller` (`files.software`; empty: not
-    known); `sha256`: of all these."""
+    """The seal of a file.
+
+    counter: grows with every seal
+    date, who, reason: when, by whom and why it was sealed
+    before: hash of the seal before; "": none
+    keys: SHA-256 of each key of the file
+    controller: on which controller (`files.software`); "": not known
+    sha256: hash of all these
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -36,29 +43,42 @@ def sealed(
     who: str | None = None,
     controller: str = "",
 ) -> Seal:
-    """The seal of a file's content, which replaces the one `before`."""
+    """Return the seal of a file's content.
+
+    before: the seal that it replaces; None: none
+    who: user; None: the user of this program
+    controller: identification of the controller
+    """
     keys = {key: _hash(value) for key, value in content.items()}
     number, earlier = (1, "") if before is None else (before.counter + 1, before.sha256)
-    said = {"counter": number, "date": date, "who": user() if who is None else who, "reason": reason}
-    made = Seal.model_validate({**said, "before": earlier, "keys": keys, "controller": controller, "sha256": ""})
-    return made.model_copy(update={"sha256": _own(made)})
+    seal = Seal(
+        counter=number,
+        date=date,
+        who=user() if who is None else who,
+        reason=reason,
+        before=earlier,
+        keys=keys,
+        controller=controller,
+        sha256="",
+    )
+    return seal.model_copy(update={"sha256": _seal_hash(seal)})
 
 
 def broken(content: Mapping[str, JsonValue], seal: Seal) -> tuple[str, ...]:
-    """The keys that are not as they were sealed; "seal" when the seal itself was changed."""
-    if _own(seal) != seal.sha256:
+    """Return the keys that are not as they were sealed; "seal" when the seal itself was changed."""
+    if _seal_hash(seal) != seal.sha256:
         return ("seal",)
     names = sorted(content.keys() | seal.keys.keys())
     return tuple(key for key in names if key not in content or _hash(content[key]) != seal.keys.get(key))
 
 
-def _own(seal: Seal) -> str:
-    """The hash of everything in it. Seals were made without a controller before."""
+def _seal_hash(seal: Seal) -> str:
+    """Return the hash of everything in a seal. Older seals have no controller."""
     return _hash(seal.model_dump(mode="json", exclude={"sha256"} if seal.controller else {"sha256", "controller"}))
 
 
 def user() -> str:
-    """Who runs this program."""
+    """Return the name of the user who runs this program."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):  # a user without a name, as in a container
@@ -66,5 +86,6 @@ def user() -> str:
 
 
 def _hash(value: object) -> str:
+    """Return the SHA-256 of a value as JSON."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -1,5 +1,7 @@
-"""Reads the sections of a machine file ([machine], [[links]], ...) each on its own, so that an error in one does not
-hide those in another, and says in ordinary words what pydantic finds."""
+"""Read the sections of a machine file ([machine], [[links]], ...) and express pydantic's findings in ordinary words.
+
+Each section is read on its own, so that an error in one does not hide those in another.
+"""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -13,7 +15,7 @@ from cylforce.settings.error import TAGS, FaultError, Inspection, Key, shown, un
 from cylforce.settings.model import MachineFile
 from cylforce.settings.units import SUFFIXES, WORDS
 
-# words of pydantic -> words for a reader who knows TOML but not Python
+# Words of pydantic, and words for a reader who knows TOML but not Python.
 WORDING = {
     "Input should be": "must be",
     "Input should have": "must have",
@@ -35,8 +37,11 @@ _SECTIONS: dict[str, TypeAdapter[Any]] = {
 def read_sections(
     raw: Mapping[str, object], written: Mapping[str, object], findings: Inspection
 ) -> tuple[MachineFile, frozenset[str]]:
-    """The file with those sections that are right, and their names. `raw` is in SI, `written` as the file has it; every
-    error goes to `findings`."""
+    """Return the file with those sections that are right, and their names; every error goes to `findings`.
+
+    raw: the file in SI
+    written: the file as it is
+    """
     good: dict[str, Any] = {}
     for name, info in MachineFile.model_fields.items():
         if name in raw:
@@ -53,23 +58,27 @@ def read_sections(
 
 
 def _faults(error: ValidationError, name: str, written: Mapping[str, object]) -> Iterable[FaultError]:
-    for found in error.errors():
-        if found["type"] == "too_short" and len(found["input"]) >= found["ctx"]["min_length"]:
-            continue  # pydantic counts good entries only; the others' errors are found too
-        key = tuple(part for part in (name, *found["loc"]) if part not in TAGS)
-        here = written_key(written, key) if found["type"] != "missing" else key
-        if here != key:  # say the value in the unit of the file
-            found["input"] = value_at(written, here)
-        yield fault(found, here)
+    """Yield the faults of a section."""
+    for detail in error.errors():
+        if detail["type"] == "too_short" and len(detail["input"]) >= detail["ctx"]["min_length"]:
+            continue  # pydantic counts good entries only; the errors of the others are reported, too
+        key = tuple(part for part in (name, *detail["loc"]) if part not in TAGS)
+        in_file = written_key(written, key) if detail["type"] != "missing" else key
+        if in_file != key:  # show the value in the unit of the file
+            detail["input"] = value_at(written, in_file)
+        yield fault(detail, in_file)
 
 
 def lacking(key: Key, name: str) -> FaultError:
-    """The fault of a table that lacks a key."""
+    """Return the fault of a table that lacks a key."""
     return FaultError(key, f"lacks the key {name}: add it", (name,))
 
 
 def fault(error: ErrorDetails, key: Key, table: type[BaseModel] | None = None) -> FaultError:
-    """A finding of pydantic as a fault with its cure; `table`: that of the key, where the key does not say it."""
+    """Return a finding of pydantic as a fault with its cure.
+
+    table: the table of the key, where the key alone does not determine it
+    """
     kind = error["type"]
     if kind == "missing":
         return _missing(key)
@@ -83,6 +92,7 @@ def fault(error: ErrorDetails, key: Key, table: type[BaseModel] | None = None) -
 
 
 def _missing(key: Key) -> FaultError:
+    """Return the fault of a missing key or entry."""
     last = key[-1]
     if isinstance(last, int):
         return FaultError(key[:-1], f"must have at least {last + 1} entries: add what is missing")
@@ -90,18 +100,19 @@ def _missing(key: Key) -> FaultError:
 
 
 def _wrong_value(error: ErrorDetails, key: Key) -> FaultError:
+    """Return the fault of a value of the wrong type or beyond a limit."""
     kind, given, problem = error["type"], shown(error["input"]), str(error["msg"])
     if kind in ("model_type", "dict_type"):
         return FaultError(key, f"must be a table of keys, not {given}: write {_header(key)}")
     if kind == "tuple_type":
         return FaultError(key, f"must be a list, not {given}: write {_header(key, '[[', ']]')}")
-    for said, words in WORDING.items():
-        problem = re.sub(said, words, problem)
+    for pattern, words in WORDING.items():
+        problem = re.sub(pattern, words, problem)
     return FaultError(key, f"{problem[:1].lower()}{problem[1:]}, not {given}: correct the value{unit_of(key)}")
 
 
 def _other_kind(error: ErrorDetails, key: Key) -> FaultError:
-    """A linkage whose kind is missing or unknown."""
+    """Return the fault of a linkage whose kind is missing or unknown."""
     kinds = ", ".join(TAGS)
     if error["type"] == "union_tag_not_found":
         return FaultError(key, f"lacks the key kind: write one of {kinds}", ("kind",))
@@ -109,32 +120,36 @@ def _other_kind(error: ErrorDetails, key: Key) -> FaultError:
 
 
 def _header(key: Key, opening: str = "[", closing: str = "]") -> str:
+    """Return how a table or array is written."""
     if len(key) == 1:
         return f"{opening}{key[0]}{closing} and its keys below it"
     return "[..., ...]" if opening == "[[" else "{ key = value, ... }"
 
 
 def _unknown(key: Key, table: type[BaseModel] | None) -> FaultError:
-    name, own = str(key[-1]), known_keys([table] if table else [])
-    close = get_close_matches(name, own, 1) or get_close_matches(name, known_keys(_tables()), 1, 0.75)
-    cure = (
-        f"did you mean {close[0]}?" if close else f"remove it; the table has {', '.join(own)}" if own else "remove it"
-    )
+    """Return the fault of an unknown key, with the key that was probably meant."""
+    name, keys = str(key[-1]), known_keys([table] if table else [])
+    close = get_close_matches(name, keys, 1) or get_close_matches(name, known_keys(_tables()), 1, 0.75)
+    if close:
+        cure = f"did you mean {close[0]}?"
+    else:
+        cure = f"remove it; the table has {', '.join(keys)}" if keys else "remove it"
     where = "this table" if len(key) > 1 else "a machine file"
     return FaultError(key, f"is not a key of {where}: {cure}", unknown=True)
 
 
 def table_of(key: Key) -> type[BaseModel] | None:
-    """The model of the table at a key; None where a key may hold one of several tables."""
-    found: tuple[type[BaseModel], ...] = (MachineFile,)
+    """Return the model of the table at a key; None where a key may have one of several tables."""
+    models: tuple[type[BaseModel], ...] = (MachineFile,)
     for part in key:
-        if isinstance(part, str) and len(found) == 1:
-            info = found[0].model_fields.get(part)
-            found = tuple(_models(info.annotation)) if info else ()
-    return found[0] if len(found) == 1 else None
+        if isinstance(part, str) and len(models) == 1:
+            info = models[0].model_fields.get(part)
+            models = tuple(_models(info.annotation)) if info else ()
+    return models[0] if len(models) == 1 else None
 
 
 def _models(hint: object) -> Iterable[type[BaseModel]]:
+    """Yield the models in a type hint."""
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         yield hint
     for part in get_args(hint):
@@ -142,16 +157,16 @@ def _models(hint: object) -> Iterable[type[BaseModel]]:
 
 
 def _tables() -> list[type[BaseModel]]:
-    """All tables that a machine file can have."""
-    found: list[type[BaseModel]] = [MachineFile]
-    for table in found:
+    """Return all tables that a machine file can have."""
+    tables: list[type[BaseModel]] = [MachineFile]
+    for table in tables:  # grows while it is read
         for info in table.model_fields.values():
-            found.extend(inner for inner in _models(info.annotation) if inner not in found)
-    return found
+            tables.extend(inner for inner in _models(info.annotation) if inner not in tables)
+    return tables
 
 
 def known_keys(tables: Iterable[type[BaseModel]]) -> list[str]:
-    """The keys of tables as they are written, units included: to guess what a misspelt one meant."""
+    """Return the keys of tables as they are written, units included, to guess what a misspelt one meant."""
     names = {key for table in tables for key in table.model_fields}
     suffixes = {suffix for table in SUFFIXES.values() for suffix in table}
     united = {f"{word}_{suffix}" for word in WORDS if word in names for suffix in suffixes}

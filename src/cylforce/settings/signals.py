@@ -1,5 +1,6 @@
-"""The sensors of the file as signals: where each is mounted, whether they suffice, which columns of a recording are
-theirs."""
+"""The sensors of the file as signals: where each is mounted, whether they suffice, which columns of a recording they
+have.
+"""
 
 from collections.abc import Iterator
 from math import sqrt
@@ -19,12 +20,15 @@ from cylforce.signals.kinds import INERTIAL, UNIT, Kind, Signal
 
 
 def signals(file: MachineFile, findings: Inspection) -> tuple[Signal, ...]:
-    """The signals in the order of the file; every error goes to `findings`."""
-    found = [findings.attempt(_signal, file, k) for k in range(len(file.sensors))]
-    return tuple(signal for signal in found if signal is not None)
+    """Return the signals in the order of the file; every error goes to `findings`."""
+    all_signals = [findings.attempt(_signal, file, k) for k in range(len(file.sensors))]
+    return tuple(signal for signal in all_signals if signal is not None)
 
 
 def _signal(file: MachineFile, k: int) -> Signal:
+    """Return the signal of sensor k; its standard error is that of rounding where the file has none. Raises
+    FaultError.
+    """
     table = file.sensors[k]
     error = table.standard_error
     if error is None and table.type == "f32":
@@ -43,13 +47,14 @@ def _signal(file: MachineFile, k: int) -> Signal:
 
 
 def _index(file: MachineFile, table: SensorTable) -> int:
+    """Return the number of the cylinder or link at which a sensor is mounted; 0 for one of the chassis."""
     if table.kind not in AT_CYLINDER + AT_LINK:
         return 0
     return [entry.name for entry in (file.cylinders if table.kind in AT_CYLINDER else file.links)].index(str(table.at))
 
 
-def enough_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
-    """What is missing where an angle or every torque is unknown, and what contradicts itself."""
+def measurement_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
+    """Yield what is missing where an angle or every torque is unknown, and sensors that contradict each other."""
     lengths = sorted({s.index for s in machine.signals if s.kind is Kind.CYLINDER_LENGTH})
     for c in lengths:
         yield from _inverse_faults(machine, c)
@@ -71,30 +76,31 @@ def enough_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
 
 
 def _inertial_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
-    """The base's inertial sensor: all of its axes or none, each on its own axis, and its place."""
-    own = {s.kind: k for k, s in enumerate(machine.signals) if s.kind in INERTIAL}
-    if not own:
+    """Yield faults of the base's inertial sensor: all of its axes or none, each on its own axis, and its place."""
+    number = {s.kind: k for k, s in enumerate(machine.signals) if s.kind in INERTIAL}
+    if not number:
         if file.machine.inertial_sensor_m is not None:
             problem = "is of no use without sensors of kind " + ", ".join(INERTIAL) + ": add them, or remove it"
             yield FaultError(("machine", "inertial_sensor_m"), problem)
         return
-    missing = [kind for kind in INERTIAL if kind not in own]
+    missing = [kind for kind in INERTIAL if kind not in number]
     if missing:
-        problem = f"tells the base's motion in part only: add {' and '.join(missing)}, or remove it"
-        yield FaultError(("sensors", min(own.values()), "kind"), problem)
+        problem = f"measures the base's motion in part only: add {' and '.join(missing)}, or remove it"
+        yield FaultError(("sensors", min(number.values()), "kind"), problem)
     if file.machine.inertial_sensor_m is None:
         yield FaultError(("machine",), "lacks inertial_sensor_m: add where the base's inertial sensor sits, [x, z]")
-    for kind, rest in ((Kind.FORWARD_ACCELERATION, 0.0), (Kind.UPWARD_ACCELERATION, machine.gravity)):
-        signal = machine.signals[own[kind]] if kind in own else None
-        if signal and not signal.low < rest < signal.high:
+    for kind, at_rest in ((Kind.FORWARD_ACCELERATION, 0.0), (Kind.UPWARD_ACCELERATION, machine.gravity)):
+        signal = machine.signals[number[kind]] if kind in number else None
+        if signal and not signal.low < at_rest < signal.high:
             problem = (
-                f"is {signal.low:g} to {signal.high:g} m/s^2, but at rest on level ground {kind} is {rest:.3g}: the "
+                f"is {signal.low:g} to {signal.high:g} m/s^2, but at rest on level ground {kind} is {at_rest:.3g}: the "
                 "sensor lies on another axis; exchange forward and upward, or correct the sign"
             )
-            yield FaultError(("sensors", own[kind], "range"), problem)
+            yield FaultError(("sensors", number[kind], "range"), problem)
 
 
 def _inverse_faults(machine: Machine, c: int) -> Iterator[FaultError]:
+    """Yield why the measured length of a cylinder gives no unique angle."""
     k = next(n for n, s in enumerate(machine.signals) if s.kind is Kind.CYLINDER_LENGTH and s.index == c)
     cylinder, table = machine.cylinders[c], machine.tables[c]
     if table is None:
@@ -111,38 +117,41 @@ def _inverse_faults(machine: Machine, c: int) -> Iterator[FaultError]:
 
 
 def _force_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
-    seen = {(s.kind, s.index) for s in machine.signals}
+    """Yield sensors of a cylinder's force that lack another one or contradict each other."""
+    measured = {(s.kind, s.index) for s in machine.signals}
     for c, cylinder in enumerate(file.cylinders):
-        head, rod = (Kind.HEAD_PRESSURE, c) in seen, (Kind.ROD_PRESSURE, c) in seen
+        head, rod = (Kind.HEAD_PRESSURE, c) in measured, (Kind.ROD_PRESSURE, c) in measured
         if rod and not head:
             k = next(n for n, s in enumerate(machine.signals) if (s.kind, s.index) == (Kind.ROD_PRESSURE, c))
             yield FaultError(
                 ("sensors", k), f"gives no force without the head side: add a head_pressure sensor at {cylinder.name}"
             )
-        if head and (Kind.FORCE_PIN, c) in seen:
+        if head and (Kind.FORCE_PIN, c) in measured:
             yield FaultError(("cylinders", c), "has a force pin and pressure sensors: keep one of them")
         if rod and cylinder.rod_pressure_bar is not None:
             yield FaultError(("cylinders", c, "rod_pressure_bar"), "is measured by a sensor: remove this key")
 
 
 def columns(file: MachineFile, findings: Inspection) -> TableMap | None:
-    """Where a recording's table has time and signals, or None where the file has no [table]; every error goes to
-    `findings`."""
+    """Return where a recording's table has time and signals; None without [table]. Every error goes to `findings`."""
     if file.table is None:
         return None
     kinds = {sensor.name: sensor.kind for sensor in file.sensors}
     known = [(name, raw) for name, raw in file.table.signals.items() if name in kinds]
-    found = tuple(column for name, raw in known if (column := _column(name, raw, kinds[name], findings)))
-    return TableMap(file.table.time.column, file.table.time.scale, found)
+    by_signal = tuple(column for name, raw in known if (column := _column(name, raw, kinds[name], findings)))
+    return TableMap(time_column=file.table.time.column, time_scale_s=file.table.time.scale, columns=by_signal)
 
 
 def _column(name: str, raw: dict[str, object], kind: Kind, findings: Inspection) -> ColumnMap | None:
+    """Return the column of a signal in SI; None where it is wrong."""
     key = ("table", "signals", name)
     before = len(findings.errors)
     converted = in_si(raw, UNIT[kind], COLUMN, key, findings)
     try:
         table = SignalColumn.model_validate(converted)
     except ValidationError as error:
-        findings.errors.extend(fault(found, (*key, *found["loc"]), SignalColumn) for found in error.errors())
+        findings.errors.extend(fault(detail, (*key, *detail["loc"]), SignalColumn) for detail in error.errors())
         return None
-    return ColumnMap(name, table.column, table.scale, table.offset) if len(findings.errors) == before else None
+    if len(findings.errors) > before:
+        return None
+    return ColumnMap(signal=name, column=table.column, scale=table.scale, offset=table.offset)

@@ -1,4 +1,4 @@
-"""Units in the keys of a machine file: `scale_bar`, `range_deg`, ... become `scale`, `range`, ... in SI."""
+"""Convert keys with units of a machine file to SI: `scale_bar`, `range_deg`, ... become `scale`, `range`, ..."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -19,14 +19,16 @@ SUFFIXES: dict[str, dict[str, float]] = {
     "K": {"degc": 1.0, "k": 1.0},
     "s": {"s": 1.0, "ms": MILLISECOND, "us": MICROSECOND},
 }
-ZERO = {"degc": ZERO_CELSIUS}
-WORDS = ("scale", "offset", "range", "standard_error")
-COLUMN = ("scale", "offset")
-ANY = (0.0, 1.0)  # in the place of a range that cannot be read: the file is refused, but its other keys are checked
+ZERO = {"degc": ZERO_CELSIUS}  # SI value of zero, by suffix
+WORDS = ("scale", "offset", "range", "standard_error")  # keys of a sensor that are written with a unit
+COLUMN = ("scale", "offset")  # keys of a recording's column that are written with a unit
+ANY = (0.0, 1.0)  # stands for a range that cannot be read: the file is refused, but its other keys are checked
 
 
 def file_in_si(raw: Mapping[str, Any], findings: Inspection) -> dict[str, Any]:
-    """The whole file with SI values in the tables that have units in their keys; every error goes to `findings`."""
+    """Return the whole file with SI values in the tables that have units in their keys; every error goes to
+    `findings`.
+    """
     sensors, table = raw.get("sensors"), raw.get("table")
     out = dict(raw)
     if isinstance(sensors, list):
@@ -38,6 +40,7 @@ def file_in_si(raw: Mapping[str, Any], findings: Inspection) -> dict[str, Any]:
 
 
 def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
+    """Return a sensor's table in SI; one of unknown kind without the keys that have units."""
     if not isinstance(raw, dict):
         return raw
     kind = raw.get("kind")
@@ -48,8 +51,13 @@ def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
 
 
 def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, findings: Inspection) -> dict[str, Any]:
-    """The table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix. What is wrong
-    goes to `findings`, and its key is left out."""
+    """Return a table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix.
+
+    An error goes to `findings`, and its key is left out.
+
+    unit: SI unit of the quantity
+    words: keys that are written with a unit
+    """
     suffixes, used, out = SUFFIXES[unit], list[str](), dict(raw)
     findings.errors.extend(_unit_faults(raw, suffixes, words, key))
     for name in _wrong(raw, suffixes, words):
@@ -69,15 +77,17 @@ def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, f
 
 
 def _filled(table: dict[str, Any], words: tuple[str, ...]) -> dict[str, Any]:
+    """Return a table with some range, if it should have one."""
     return {"range": ANY, **table} if "range" in words else table
 
 
 def _zero(word: str, suffix: str) -> float:
+    """Return the SI value of zero in a unit; 0 for differences."""
     return ZERO.get(suffix, 0.0) if word in ("offset", "range") else 0.0
 
 
 def _wrong(raw: Mapping[str, Any], suffixes: Mapping[str, float], words: tuple[str, ...]) -> list[str]:
-    """The keys without a unit or with one of another quantity."""
+    """Return the keys without a unit or with the unit of another quantity."""
     foreign = {suffix for table in SUFFIXES.values() for suffix in table} - set(suffixes)
     return [name for word in words for name in (word, *(f"{word}_{s}" for s in sorted(foreign))) if name in raw]
 
@@ -85,13 +95,13 @@ def _wrong(raw: Mapping[str, Any], suffixes: Mapping[str, float], words: tuple[s
 def _unit_faults(
     raw: Mapping[str, Any], suffixes: Mapping[str, float], words: tuple[str, ...], key: Key
 ) -> Iterable[FaultError]:
-    """Keys without a unit and with another quantity's, and a range that is not given at all."""
+    """Yield keys without a unit, with the unit of another quantity, and a range that is missing."""
     wrong = _wrong(raw, suffixes, words)
     for name in wrong:
         word = next(word for word in words if name == word or name.startswith(f"{word}_"))
-        here = " or ".join(_keys(word, suffixes))
-        what = "has no unit" if name == word else "has the unit of another quantity"
-        yield FaultError((*key, name), f"{what}: write {here}")
+        allowed = " or ".join(_keys(word, suffixes))
+        problem = "has no unit" if name == word else "has the unit of another quantity"
+        yield FaultError((*key, name), f"{problem}: write {allowed}")
     if "range" in words and not any(name.split("_")[0] == "range" for name in wrong):
         names = _keys("range", suffixes)
         if not any(name in raw for name in names):
@@ -100,15 +110,17 @@ def _unit_faults(
 
 
 def _keys(word: str, suffixes: Mapping[str, float]) -> list[str]:
+    """Return a key with each of the units that it may have."""
     return [f"{word}_{suffix}" for suffix in suffixes]
 
 
 def _si(key: Key, value: object, size: float, zero: float) -> object:
+    """Return a number or a range in SI. Raises FaultError."""
     if isinstance(value, list):
-        found = tuple(_si(key, one, size, zero) for one in value)
+        converted = tuple(_si(key, one, size, zero) for one in value)
         if len(value) == 2 and not value[0] < value[1]:
             raise FaultError(key, f"is {shown(value)}: the first number must be the smaller one")
-        return found
+        return converted
     if isinstance(value, bool) or not isinstance(value, int | float) or not -HUGE < value < HUGE:
         raise FaultError(key, f"is {shown(value)}: it must be a finite number")
     return value * size + zero

@@ -1,4 +1,4 @@
-"""TOML files that a command of ours has written, read again."""
+"""Read TOML files that a command of ours has written."""
 
 import tomllib
 from collections.abc import Callable, Mapping
@@ -15,8 +15,12 @@ Check = Callable[[Path, Mapping[str, object]], None]
 
 
 def read_written(path: Path, kind: type[M], command: str, check: Check | None = None) -> M:
-    """The file of a `kind` that `command` wrote; `check` looks at its tables first. Raises SettingsError with path, key
-    and cure."""
+    """Read a file that a command wrote. Raises SettingsError with path, key and cure.
+
+    kind: model of the file
+    command: the command, for the cure
+    check: function that checks path and tables first
+    """
     if is_stream(path):
         raise SettingsError(f"{path}: is no ordinary file but a pipe or a device; run `{command}` first")
     if is_large(path):

@@ -1,1 +1,1 @@
-"""Whether an arm can be built, and looks like that of a construction machine: refuses or warns."""
+"""Checks whether an arm can be built, and looks like that of a construction machine: they refuse or warn."""

@@ -1,5 +1,7 @@
-"""Names and numbers in a machine file that must differ, and references that must exist. Works on the parsed TOML,
-before values are checked, so that a wrong value elsewhere does not hide these errors."""
+"""Check names and numbers in a machine file that must differ, and references that must exist.
+
+Works on the parsed TOML, before values are checked, so that a wrong value elsewhere does not hide these errors.
+"""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -13,21 +15,25 @@ from cylforce.signals.kinds import Kind
 
 Raw = Mapping[str, Any]
 CHASSIS = "chassis"
-RESERVED = ("t_s", "t_us")  # the time in a recording
+RESERVED = ("t_s", "t_us")  # names of the time in a recording
 AT_CYLINDER = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN, Kind.CYLINDER_LENGTH)
 AT_LINK = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
-OWN_NODE = 64  # publication.node_id where the file does not say it
+OWN_NODE = 64  # default of publication.node_id
 
 
 class RawTable(NamedTuple):
-    """A table of an array: its key and its content."""
+    """A table of an array.
+
+    key: its key in the file
+    table: its content
+    """
 
     key: Key
     table: Raw
 
 
 def name_faults(raw: Raw) -> Iterator[FaultError]:
-    """Everything that is wrong with names, node-IDs, references, and several sensors at one place."""
+    """Yield everything that is wrong with names, node-IDs, references, and several sensors at one place."""
     for table in ("links", "attachments", "cylinders", "nodes", "sensors"):
         yield from _taken_names(raw, table)
     yield from _taken_node_ids(raw)
@@ -41,50 +47,55 @@ def name_faults(raw: Raw) -> Iterator[FaultError]:
 
 
 def entries(raw: Raw, table: str) -> list[RawTable]:
-    """The tables of an array, as far as they are tables."""
-    found = raw.get(table)
-    if not isinstance(found, list):
+    """Return the tables of an array, as far as they are tables."""
+    array = raw.get(table)
+    if not isinstance(array, list):
         return []
-    return [RawTable((table, k), entry) for k, entry in enumerate(found) if isinstance(entry, dict)]
+    return [RawTable(key=(table, k), table=entry) for k, entry in enumerate(array) if isinstance(entry, dict)]
 
 
 def _names(raw: Raw, table: str) -> list[str]:
-    """All names of an array's tables; none when one is missing or wrong, because it may be the one that is referred
-    to."""
-    found = [entry.table.get("name") for entry in entries(raw, table)]
-    names = [name for name in found if isinstance(name, str) and re.match(NAME, name)]
-    return names if len(set(names) - _reserved(table)) == len(found) else []
+    """Return all names of an array's tables; none when one is missing or wrong, because a reference may mean that
+    one.
+    """
+    given = [entry.table.get("name") for entry in entries(raw, table)]
+    names = [name for name in given if isinstance(name, str) and re.match(NAME, name)]
+    return names if len(set(names) - _reserved(table)) == len(given) else []
 
 
 def _reserved(table: str) -> set[str]:
+    """Return the names that a table of an array must not have."""
     return {"links": {CHASSIS}, "sensors": set(RESERVED), "attachments": {STANDARD}}.get(table, set())
 
 
 def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
-    seen = _reserved(table)
+    """Yield names that are used twice or reserved."""
+    taken = _reserved(table)
     for entry in entries(raw, table):
         name = entry.table.get("name")
         if isinstance(name, str):
-            if name in seen:
+            if name in taken:
                 yield FaultError((*entry.key, "name"), f"is {shown(name)}, which is taken: choose another")
-            seen.add(name)
+            taken.add(name)
 
 
 def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
-    own = raw.get("publication")
-    number = own.get("node_id", OWN_NODE) if isinstance(own, dict) else OWN_NODE
-    seen = {number: "cylforce's own node"} if isinstance(number, int) else {}
+    """Yield node-IDs that are used twice."""
+    publication = raw.get("publication")
+    number = publication.get("node_id", OWN_NODE) if isinstance(publication, dict) else OWN_NODE
+    taken = {number: "cylforce's own node"} if isinstance(number, int) else {}
     for entry in entries(raw, "nodes"):
         number = entry.table.get("node_id")
         if not isinstance(number, int):
             continue
-        if number in seen:
-            problem = f"is {number}, which is also that of {seen[number]}: give each node its own"
+        if number in taken:
+            problem = f"is {number}, which is also that of {taken[number]}: give each node its own"
             yield FaultError((*entry.key, "node_id"), problem)
-        seen.setdefault(number, str(entry.table.get("name")))
+        taken.setdefault(number, str(entry.table.get("name")))
 
 
 def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
+    """Yield nodes without a sensor."""
     used, names = [entry.table.get("node") for entry in entries(raw, "sensors")], _names(raw, "nodes")
     if not all(node in names for node in used):
         return  # a wrong reference may mean any node
@@ -95,6 +106,7 @@ def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
 
 
 def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
+    """Yield what is wrong with a sensor's node and place."""
     node, names = sensor.table.get("node"), _names(raw, "nodes")
     if isinstance(node, str) and names and node not in names:
         yield FaultError((*sensor.key, "node"), f"is {shown(node)}, which is no node: write one of {', '.join(names)}")
@@ -109,6 +121,7 @@ def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
 
 
 def _place(raw: Raw, key: Key, kind: str, at: str | None) -> Iterator[FaultError]:
+    """Yield what is wrong with the cylinder or link at which a sensor is mounted."""
     table = "cylinders" if kind in AT_CYLINDER else "links"
     names = _names(raw, table)
     if at is None:
@@ -119,6 +132,7 @@ def _place(raw: Raw, key: Key, kind: str, at: str | None) -> Iterator[FaultError
 
 
 def _same_places(raw: Raw) -> Iterator[FaultError]:
+    """Yield sensors that measure the same as another one."""
     first: dict[tuple[str, str], object] = {}
     for entry in entries(raw, "sensors"):
         kind, at = entry.table.get("kind"), entry.table.get("at", CHASSIS)
@@ -132,6 +146,7 @@ def _same_places(raw: Raw) -> Iterator[FaultError]:
 
 
 def _bodies(raw: Raw) -> Iterator[FaultError]:
+    """Yield bodies of pins that are no link."""
     names = _names(raw, "links")
     bodies = (CHASSIS, *names)
     for cylinder in entries(raw, "cylinders"):
@@ -144,6 +159,7 @@ def _bodies(raw: Raw) -> Iterator[FaultError]:
 
 
 def _laws(raw: Raw) -> Iterator[FaultError]:
+    """Yield what is wrong with the names of friction laws."""
     table = raw.get("friction")
     laws = table.get("effects") if isinstance(table, dict) else None
     if not isinstance(laws, list):
@@ -159,6 +175,7 @@ def _laws(raw: Raw) -> Iterator[FaultError]:
 
 
 def _columns(raw: Raw) -> Iterator[FaultError]:
+    """Yield columns of recordings that belong to no sensor."""
     table, names = raw.get("table"), _names(raw, "sensors")
     signals = table.get("signals") if isinstance(table, dict) else None
     for name in signals if names and isinstance(signals, dict) else ():

@@ -1,15 +1,18 @@
-"""Whether an arm can be built, and whether it looks like the arm of a construction machine: checks that need several
-values at once. What cannot be is an error, what is unusual a warning; each says at which value, and what to look at.
+"""Check whether an arm can be built, and whether it looks like the arm of a construction machine.
+
+These checks need several values at once. What is impossible is an error, what is unusual a warning. Each names the
+value and what to check.
 
 A limit that has no other source is a ratio of the data sheets of excavators (0.8 to 100 t), wheel loaders and loader
-cranes, with room on both sides. Ratios do not depend on the machine's size, so they find errors of unit and of sign
-that the limits of single values let pass."""
+cranes, with room on both sides. Ratios do not depend on the machine's size, so they detect errors of unit and of sign
+that the limits of single values let pass.
+"""
 
 import numpy as np
 
 from cylforce.mechanics.machine import Machine
-from cylforce.settings.checks.readings import doubt_signal
-from cylforce.settings.checks.strokes import doubt_cylinder
+from cylforce.settings.checks.readings import check_signal
+from cylforce.settings.checks.strokes import check_cylinder
 from cylforce.settings.error import FaultError, Inspection, Key
 from cylforce.signals.units import BAR, DEGREE, STANDARD_GRAVITY
 
@@ -34,83 +37,87 @@ HOLDING: Limits = (1.0, 8.0, 300.0, 700.0)
 # rod over bore: ISO 7181 has area ratios from 1.06 to 5; cylinders of mobile machines have 1.4 to 2.5, a rod of 0.53 to
 # 0.77 of the bore. A radius that is taken for a diameter falls outside.
 ROD: Limits = (0.1, 0.4, 0.85, 0.98)
-PIN_REACH = 1.5  # of the link's length: no pin lies further from the inner one (a stick's tail is 0.3 long)
+PIN_REACH = 1.5  # largest distance of a pin from the inner pin, times the link's length (a stick's tail is 0.3 long)
 CHASSIS_REACH = 10.0  # m, of a pin on the house; the house may include a boom that stands still, 10 m long
-CENTRE_TOLERANCE = 0.4  # of the length: with more, the centre could be anywhere on the link
+CENTRE_TOLERANCE = 0.4  # tolerance beyond which the centre could be anywhere on the link, times its length
 
 
-def doubts(machine: Machine) -> Inspection:
-    """Everything that is impossible (`errors`) or unusual (`warnings`) about a machine; keys are those of its file."""
-    found = Inspection()
+def inspect_machine(machine: Machine) -> Inspection:
+    """Return everything that is impossible (`errors`) or unusual (`warnings`) about a machine; keys are those of its
+    file.
+    """
+    findings = Inspection()
     for j in range(machine.size):
-        _doubt_link(machine, j, found)
+        _check_link(machine, j, findings)
     for c in range(len(machine.cylinders)):
-        doubt_cylinder(machine, c, found)
-        _doubt_pins(machine, c, found)
-        _doubt_rod(machine, c, found)
-    _doubt_load(machine, found)
-    _doubt_drive(machine, found)
+        check_cylinder(machine, c, findings)
+        _check_pins(machine, c, findings)
+        _check_rod(machine, c, findings)
+    _check_load(machine, findings)
+    _check_drive(machine, findings)
     for k in range(len(machine.signals)):
-        doubt_signal(machine, k, found)
-    return found
+        check_signal(machine, k, findings)
+    return findings
 
 
-def attachment_doubts(machine: Machine, standard: Machine, k: int) -> Inspection:
-    """What is impossible or unusual about a machine with attachment `k` and not about the standard one."""
-    known, seen, found = doubts(standard), doubts(machine), Inspection()
-    for said, before, kept in (
-        (seen.errors, known.errors, found.errors),
-        (seen.warnings, known.warnings, found.warnings),
+def inspect_attachment(machine: Machine, standard: Machine, k: int) -> Inspection:
+    """Return what is impossible or unusual about a machine with attachment k and not about the standard one."""
+    with_standard, with_attachment, findings = inspect_machine(standard), inspect_machine(machine), Inspection()
+    for faults, known, new in (
+        (with_attachment.errors, with_standard.errors, findings.errors),
+        (with_attachment.warnings, with_standard.warnings, findings.warnings),
     ):
-        old = {(fault.key, str(fault)) for fault in before}
-        kept.extend(_of_attachment(fault, machine, k) for fault in said if (fault.key, str(fault)) not in old)
-    return found
+        old = {(fault.key, str(fault)) for fault in known}
+        new.extend(_of_attachment(fault, machine, k) for fault in faults if (fault.key, str(fault)) not in old)
+    return findings
 
 
 def _of_attachment(fault: FaultError, machine: Machine, k: int) -> FaultError:
-    """The fault at the attachment's own key; what it does to a cylinder or joint is one of the whole attachment."""
-    here, last = ("attachments", k), ("links", machine.size - 1)
-    if fault.key[:2] == last:
-        return FaultError((*here, *fault.key[2:]), str(fault))
+    """Return a fault at the attachment's own key; one of a cylinder or joint is a fault of the whole attachment."""
+    own_key, last_link = ("attachments", k), ("links", machine.size - 1)
+    if fault.key[:2] == last_link:
+        return FaultError((*own_key, *fault.key[2:]), str(fault))
     if fault.key[0] in ("tool", "machine"):
-        return FaultError((*here, *fault.key[1:]), str(fault))
-    where = machine.cylinders[int(fault.key[1])].name if fault.key[0] == "cylinders" else str(fault.key[0])
-    return FaultError(here, f"does not suit the arm: {where} {fault}")
+        return FaultError((*own_key, *fault.key[1:]), str(fault))
+    part = machine.cylinders[int(fault.key[1])].name if fault.key[0] == "cylinders" else str(fault.key[0])
+    return FaultError(own_key, f"does not suit the arm: {part} {fault}")
 
 
-def _judge(found: Inspection, key: Key, value: float, limits: Limits, problem: str) -> None:
-    """An error or a warning when a value is beyond the limits."""
+def _judge(findings: Inspection, key: Key, value: float, limits: Limits, problem: str) -> None:
+    """Add an error or a warning when a value is beyond the limits."""
     refuse_low, warn_low, warn_high, refuse_high = limits
     if not refuse_low <= value <= refuse_high:
-        found.refuse(key, problem)
+        findings.refuse(key, problem)
     elif not warn_low <= value <= warn_high:
-        found.warn(key, problem)
+        findings.warn(key, problem)
 
 
-def _doubt_link(machine: Machine, j: int, found: Inspection) -> None:
+def _check_link(machine: Machine, j: int, findings: Inspection) -> None:
+    """Check a link's mass, centre of gravity, inertia and their tolerance against its length."""
     link, key = machine.links[j], ("links", j)
     length = max(link.length, 1e-9)
     line = link.mass / length
     problem = f"is {link.mass:g} on a length of {length:g} m, {line:.3g} kg/m; arms have 15 to 5000: check both"
-    _judge(found, (*key, "mass_kg"), line, MASS_PER_LENGTH, problem)
-    away = abs(complex(link.cx, link.cz)) / length
-    problem = f"is {away:.2g} of the length away from the inner pin; links have 0.3 to 0.6: check sign and unit"
-    _judge(found, (*key, "centre_m"), away, CENTRE, problem)
-    if link.cx < 0.0 and away >= CENTRE[1]:
-        found.warn((*key, "centre_m"), f"has x = {link.cx:g} m, behind the inner pin: check its sign")
+    _judge(findings, (*key, "mass_kg"), line, MASS_PER_LENGTH, problem)
+    distance = abs(complex(link.cx, link.cz)) / length
+    problem = f"is {distance:.2g} of the length away from the inner pin; links have 0.3 to 0.6: check sign and unit"
+    _judge(findings, (*key, "centre_m"), distance, CENTRE, problem)
+    if link.cx < 0.0 and distance >= CENTRE[1]:
+        findings.warn((*key, "centre_m"), f"has x = {link.cx:g} m, behind the inner pin: check its sign")
     gyration = link.inertia / (link.mass * length**2)
     problem = (
         f"is {link.inertia:g}, {gyration:.2g} m l^2; links have 0.06 to 0.2 about their centre of gravity "
         "(not about the pin): check it"
     )
-    _judge(found, (*key, "inertia_kg_m2"), gyration, GYRATION, problem)
-    _doubt_range(machine, j, found)
+    _judge(findings, (*key, "inertia_kg_m2"), gyration, GYRATION, problem)
+    _check_range(machine, j, findings)
     if link.centre_error * 3.0**0.5 > CENTRE_TOLERANCE * length:
         half = link.centre_error * 3.0**0.5
-        found.warn((*key, "tolerance", "centre_m"), f"is {half:g} on a length of {length:g} m: check the unit")
+        findings.warn((*key, "tolerance", "centre_m"), f"is {half:g} on a length of {length:g} m: check the unit")
 
 
-def _doubt_range(machine: Machine, j: int, found: Inspection) -> None:
+def _check_range(machine: Machine, j: int, findings: Inspection) -> None:
+    """Check how far a joint turns."""
     link = machine.links[j]
     low, high = link.angle_low / DEGREE, link.angle_high / DEGREE
     problem = f"spans {high - low:.3g} degrees, joints have 20 to 270: check it"
@@ -118,72 +125,77 @@ def _doubt_range(machine: Machine, j: int, found: Inspection) -> None:
         problem = f"is [{low:g}, {high:g}] and spans more than a turn: give the joint's mechanical range"
     elif high - low < 2.0 * np.pi and max(abs(low), abs(high)) <= 2.0 * np.pi:
         problem = f"is [{low:g}, {high:g}], {high - low:.3g} degrees: these look like radians, write degrees"
-    _judge(found, ("links", j, "angle_range_deg"), high - low, ANGLE_SPAN, problem)
+    _judge(findings, ("links", j, "angle_range_deg"), high - low, ANGLE_SPAN, problem)
 
 
-def _doubt_pins(machine: Machine, c: int, found: Inspection) -> None:
+def _check_pins(machine: Machine, c: int, findings: Inspection) -> None:
+    """Check that a cylinder's pins lie on their bodies."""
     for body, at in machine.cylinders[c].linkage.pins:
         name = machine.links[body - 1].name if body else "chassis"
         reach = PIN_REACH * machine.links[body - 1].length if body else CHASSIS_REACH
         if abs(at) > reach:
             problem = f"has a pin {abs(at):.2f} m away from the origin of {name}, expected are {reach:.2g} at most"
-            found.warn(("cylinders", c, "linkage"), f"{problem}: check at_m = [{at.real:g}, {at.imag:g}]")
+            findings.warn(("cylinders", c, "linkage"), f"{problem}: check at_m = [{at.real:g}, {at.imag:g}]")
 
 
-def _doubt_load(machine: Machine, found: Inspection) -> None:
-    """Payload and tool against the arm."""
+def _check_load(machine: Machine, findings: Inspection) -> None:
+    """Check payload and tool against the arm."""
     mass = sum(link.mass for link in machine.links)
     share = machine.rated_payload / mass
     problem = (
         f"is {machine.rated_payload:g}, {share:.2g} times the arm's mass of {mass:.0f} kg; machines have 0.3 to 1.5"
     )
-    _judge(found, ("machine", "rated_payload_kg"), share, PAYLOAD, f"{problem}: check both")
+    _judge(findings, ("machine", "rated_payload_kg"), share, PAYLOAD, f"{problem}: check both")
     tool = machine.tool
     others = [link.length for link in machine.links[:-1]]
     if others:
         ratio = abs(tool) / max(others)
         problem = f"is {abs(tool):g} m away from the last pin, {ratio:.2g} times the longest other link: check the unit"
-        _judge(found, ("tool", "point_m"), ratio, TOOL, problem)
+        _judge(findings, ("tool", "point_m"), ratio, TOOL, problem)
     if tool.real < 0.0:
-        found.warn(("tool", "point_m"), f"has x = {tool.real:g} m, behind the last pin: check its sign")
+        findings.warn(("tool", "point_m"), f"has x = {tool.real:g} m, behind the last pin: check its sign")
     if machine.payload_reach > 3.0 * abs(tool):
         problem = f"is {machine.payload_reach:g}, over three times as far as the tooth line: check it"
-        found.warn(("machine", "payload_reach_m"), problem)
+        findings.warn(("machine", "payload_reach_m"), problem)
 
 
-def _doubt_drive(machine: Machine, found: Inspection) -> None:
-    """Whether each joint has a cylinder, and one of the right size."""
+def _check_drive(machine: Machine, findings: Inspection) -> None:
+    """Check that each joint has a cylinder, and one of the right size."""
     for j, link in enumerate(machine.links):
         acting = [c for c, span in enumerate(machine.spans) if j in span]
         if not acting:
-            found.warn(
+            findings.warn(
                 ("links", j), f"is moved by no cylinder: check the bodies of the pins, or add one at {link.name}"
             )
-        own = [c for c in acting if machine.spans[c] == (j,)]
-        if len(own) == 1:  # one that acts on two joints (a tilt cylinder at the lift arm) adds little
-            _doubt_size(machine, j, own[0], found)
+        single = [c for c in acting if machine.spans[c] == (j,)]
+        if len(single) == 1:  # one that acts on two joints (a tilt cylinder at the lift arm) adds little
+            _check_size(machine, j, single[0], findings)
 
 
-def _doubt_rod(machine: Machine, c: int, found: Inspection) -> None:
+def _check_rod(machine: Machine, c: int, findings: Inspection) -> None:
+    """Check a cylinder's rod against its bore."""
     cylinder = machine.cylinders[c]
     ratio = float(np.sqrt(max(0.0, 1.0 - cylinder.area_rod / cylinder.area_head)))
     problem = f"is {ratio:.2g} times bore_mm, cylinders have 0.5 to 0.8: check both (diameters, not radii)"
-    _judge(found, ("cylinders", c, "rod_mm"), ratio, ROD, problem)
+    _judge(findings, ("cylinders", c, "rod_mm"), ratio, ROD, problem)
 
 
-def _doubt_size(machine: Machine, j: int, c: int, found: Inspection) -> None:
+def _check_size(machine: Machine, j: int, c: int, findings: Inspection) -> None:
+    """Check the pressure that a cylinder needs for the rated payload at full reach."""
     pressure = _holding_pressure(machine, j, c) / BAR
     if np.isfinite(pressure):
         problem = (
             f"needs at least {pressure:.0f} bar to carry the rated payload at full reach; machines have 20 to 300: "
             "check bore_mm, count, the pins, masses and payload"
         )
-        _judge(found, ("cylinders", c), pressure, HOLDING, problem)
+        _judge(findings, ("cylinders", c), pressure, HOLDING, problem)
 
 
 def _holding_pressure(machine: Machine, j: int, c: int) -> float:
-    """p = g sum(m x) / (r A) [Pa] on the head side, with the arm beyond joint j stretched out and level, at the
-    cylinder's largest lever r."""
+    """Return the pressure p = g sum(m x) / (r A) [Pa] on the head side of a cylinder that holds the rated payload.
+
+    The arm beyond joint j is stretched out and level, at the cylinder's largest lever r.
+    """
     theta = np.zeros((181, machine.size))
     theta[:, j] = np.linspace(machine.links[j].angle_low, machine.links[j].angle_high, 181)
     lever = np.abs(machine.geometry(theta).lever[:, c, j])

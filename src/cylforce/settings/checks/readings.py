@@ -1,4 +1,4 @@
-"""Whether a sensor's range and name fit what it measures, and the joint or cylinder that it is mounted on."""
+"""Check whether a sensor's range and name fit what it measures, and the joint or cylinder on which it is mounted."""
 
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.unwrapping import inclinations
@@ -30,72 +30,76 @@ SPANS: dict[Kind, tuple[float, float, float, float]] = {
     Kind.SLEW_ANGLE: (2 * DEGREE, 90 * DEGREE, 1e5 * DEGREE, 1e9),
     Kind.OIL_TEMPERATURE: (5.0, 50.0, 300.0, 1000.0),
 }
-COVERED = 0.5  # of the joint's or the cylinder's range: less cannot be worked with
-SLACK = 0.02  # of that range: a sensor's range may end so far within it
+COVERED = 0.5  # share of the joint's or the cylinder's range that a sensor must cover at least; chosen
+SLACK = 0.02  # share of that range by which a sensor's range may end within it; chosen
 NOISE_WARN, NOISE_REFUSE = 0.02, 0.25  # standard error over span: class 1 sensors have 0.005 at most
 SIDES = {Kind.HEAD_PRESSURE: ("head", "rod"), Kind.ROD_PRESSURE: ("rod", "head")}
 UNITS = {"Pa": (BAR, "bar"), "rad": (DEGREE, "deg"), "rad/s": (DEGREE, "deg/s")}
 
 
-def doubt_signal(machine: Machine, k: int, found: Inspection) -> None:
-    """What is impossible or unusual about a sensor."""
+def check_signal(machine: Machine, k: int, findings: Inspection) -> None:
+    """Check range, noise and name of a sensor."""
     signal, key = machine.signals[k], ("sensors", k)
-    span, (refuse_low, warn_low, warn_high, refuse_high) = signal.high - signal.low, SPANS[signal.kind]
+    span = signal.high - signal.low
+    refuse_low, warn_low, warn_high, refuse_high = SPANS[signal.kind]
     typical = f"sensors of {signal.kind} span {_shown(signal, warn_low)} to {_shown(signal, warn_high)}"
     problem = f"spans {_shown(signal, span)}, {typical}: check value and unit"
     if not refuse_low <= span <= refuse_high:
-        found.refuse((*key, "range"), problem)
+        findings.refuse((*key, "range"), problem)
     elif not warn_low <= span <= warn_high:
-        found.warn((*key, "range"), problem)
-    _doubt_noise(signal, key, found)
-    _doubt_cover(machine, signal, key, found)
-    _doubt_name(machine, signal, key, found)
+        findings.warn((*key, "range"), problem)
+    _check_noise(signal, key, findings)
+    _check_cover(machine, signal, key, findings)
+    _check_name(machine, signal, key, findings)
 
 
-def _doubt_noise(signal: Signal, key: Key, found: Inspection) -> None:
+def _check_noise(signal: Signal, key: Key, findings: Inspection) -> None:
+    """Check a sensor's standard error against its range."""
     share = signal.standard_error / (signal.high - signal.low)
     problem = (
         f"is {_shown(signal, signal.standard_error)}, {100 * share:.2g} % of the range: check its unit, or the scale"
     )
     if share > NOISE_REFUSE:
-        found.refuse((*key, "standard_error"), problem)
+        findings.refuse((*key, "standard_error"), problem)
     elif share > NOISE_WARN:
-        found.warn((*key, "standard_error"), problem)
+        findings.warn((*key, "standard_error"), problem)
 
 
-def _doubt_cover(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
-    """A sensor must see its joint's or cylinder's whole range; one of a whole circle sees every angle."""
+def _check_cover(machine: Machine, signal: Signal, key: Key, findings: Inspection) -> None:
+    """Check that a sensor covers its joint's or cylinder's whole range; a sensor of a whole circle covers every
+    angle.
+    """
     if signal.kind in AT_LINK and is_circle(signal.low, signal.high):
         return
     if signal.kind is Kind.LINK_INCLINATION:
-        _doubt_inclination(machine, signal, key, found)
+        _check_inclination(machine, signal, key, findings)
         return
     if signal.kind is Kind.JOINT_ANGLE:
         link = machine.links[signal.index]
-        low, high, what = link.angle_low, link.angle_high, f"{link.name}'s angle_range_deg"
+        low, high, limits = link.angle_low, link.angle_high, f"{link.name}'s angle_range_deg"
     elif signal.kind is Kind.CYLINDER_LENGTH:
         cylinder = machine.cylinders[signal.index]
-        low, high, what = cylinder.length_low, cylinder.length_high, f"{cylinder.name}'s length_range_m"
+        low, high, limits = cylinder.length_low, cylinder.length_high, f"{cylinder.name}'s length_range_m"
     else:
         return
-    seen = min(high, signal.high) - max(low, signal.low)
+    covered = min(high, signal.high) - max(low, signal.low)
     problem = (
-        f"is {_shown(signal, signal.low)} to {_shown(signal, signal.high)}, {what} {_shown(signal, low)} to "
+        f"is {_shown(signal, signal.low)} to {_shown(signal, signal.high)}, {limits} {_shown(signal, low)} to "
         f"{_shown(signal, high)}: the sensor must see all of it; check sign, unit and offset"
     )
-    if seen < COVERED * (high - low):
-        found.refuse((*key, "range"), problem)
+    if covered < COVERED * (high - low):
+        findings.refuse((*key, "range"), problem)
     elif max(signal.low - low, high - signal.high) > SLACK * (high - low):
-        found.warn((*key, "range"), problem)
+        findings.warn((*key, "range"), problem)
 
 
-def _doubt_inclination(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
-    """An inclinometer that ends within what the joints allow."""
+def _check_inclination(machine: Machine, signal: Signal, key: Key, findings: Inspection) -> None:
+    """Warn of an inclinometer whose range ends within what the joints allow."""
     low, high = inclinations(machine, signal.index)
     if max(signal.low - low, high - signal.high) <= SLACK * (high - low):
         return
     name = machine.links[signal.index].name
-    found.warn(
+    findings.warn(
         (*key, "range"),
         f"is {_shown(signal, signal.low)} to {_shown(signal, signal.high)}, the {name}'s inclination on level ground "
         f"{_shown(signal, low)} to {_shown(signal, high)} by angle_range_deg of the links: nothing is measured beyond "
@@ -103,20 +107,23 @@ def _doubt_inclination(machine: Machine, signal: Signal, key: Key, found: Inspec
     )
 
 
-def _doubt_name(machine: Machine, signal: Signal, key: Key, found: Inspection) -> None:
-    """A name that says another side or place than the sensor's own."""
+def _check_name(machine: Machine, signal: Signal, key: Key, findings: Inspection) -> None:
+    """Warn of a name that contains another side or place than the sensor's side."""
     words = signal.name.lower().split("_")
-    own, other = SIDES.get(signal.kind, ("", ""))
-    if other in words and own not in words:
-        found.warn((*key, "kind"), f"is {signal.kind}, but its name says {other}: exchange head and rod, or rename it")
+    side, other = SIDES.get(signal.kind, ("", ""))
+    if other in words and side not in words:
+        findings.warn(
+            (*key, "kind"), f"is {signal.kind}, but its name says {other}: exchange head and rod, or rename it"
+        )
     if signal.kind not in AT_CYLINDER + AT_LINK:
         return
     names = [part.name for part in (machine.cylinders if signal.kind in AT_CYLINDER else machine.links)]
     named = [name for name in names if name.lower() in words]
     if named and names[signal.index] not in named:
-        found.warn((*key, "at"), f"is {names[signal.index]}, but its name says {named[0]}: correct one of them")
+        findings.warn((*key, "at"), f"is {names[signal.index]}, but its name says {named[0]}: correct one of them")
 
 
 def _shown(signal: Signal, value: float) -> str:
+    """Return a value in the unit in which sensors are specified."""
     size, unit = UNITS.get(signal.unit, (1.0, signal.unit))
     return f"{value / size:.4g} {unit}"

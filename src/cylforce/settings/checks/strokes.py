@@ -1,5 +1,8 @@
-"""Whether a linkage fits its cylinder: it closes, keeps between the end stops, and has no dead point within the joint's
-range. A flipped or swapped pin shows here."""
+"""Check whether a linkage fits its cylinder: it closes, keeps between the end stops, and has no dead point in its
+range.
+
+A flipped or swapped pin shows here.
+"""
 
 import numpy as np
 
@@ -9,21 +12,21 @@ from cylforce.settings.error import Inspection, Key
 from cylforce.signals.estimate import Array
 from cylforce.signals.units import DEGREE, MILLIMETRE
 
-SCAN = 361  # postures over one joint
-GRID = 61  # postures over each of two joints
-# Shares of the stroke. An angle range that was read off to one degree is off by 10 mm at a lever of 0.6 m, 1 % of the
-# typical stroke; a pin with a wrong sign is off by more than a tenth.
+SCAN = 361  # postures over one joint; chosen
+GRID = 61  # postures over each of two joints; chosen
+# Shares of the stroke beyond an end stop. An angle range that was read off to one degree is off by 10 mm at a lever of
+# 0.6 m, 1 % of the typical stroke; a pin with a wrong sign is off by more than a tenth.
 BEYOND_WARN, BEYOND_REFUSE = 0.02, 0.15
-UNUSED_WARN = 0.2
-LEVER_NOISE = 0.02  # of the largest lever: a range may end at a dead point, as a loader crane's does
+UNUSED_WARN = 0.2  # share of the stroke that is not used
+LEVER_NOISE = 0.02  # lever of the other sign, over the largest: a range may end at a dead point, as a loader crane's
 NEAR_DEAD = 0.15  # sine of the angle between the bars: 9 degrees; linkages are built to stay above 20 to 30
-# Shares of a joint's range that a cylinder over two joints can reach: all of it, if the range was read off the machine
+# Shares of a joint's range that a cylinder over two joints can reach: all of it, if the range was read off the machine.
 REACHED_WARN, REACHED_REFUSE = 0.95, 0.25
-RETRACTED_LENGTH = 4.0  # times the stroke: data sheets have 1.2 to 2
+RETRACTED_LENGTH = 4.0  # retracted length over the stroke: data sheets have 1.2 to 2
 
 
-def doubt_cylinder(machine: Machine, c: int, found: Inspection) -> None:
-    """What is impossible or unusual about a cylinder's linkage in the range of its joints."""
+def check_cylinder(machine: Machine, c: int, findings: Inspection) -> None:
+    """Check a cylinder's linkage in the range of its joints."""
     span, key = machine.spans[c], ("cylinders", c, "linkage")
     cylinder = machine.cylinders[c]
     stroke = cylinder.length_high - cylinder.length_low
@@ -31,16 +34,17 @@ def doubt_cylinder(machine: Machine, c: int, found: Inspection) -> None:
         problem = (
             f"has a stroke of {stroke:.3g} m, little for a retracted length of {cylinder.length_low:.3g} m: check it"
         )
-        found.warn(("cylinders", c, "length_range_m"), problem)
+        findings.warn(("cylinders", c, "length_range_m"), problem)
     if not span:
-        found.refuse(key, "has all its pins on one body: it moves no joint; correct the bodies of its pins")
+        findings.refuse(key, "has all its pins on one body: it moves no joint; correct the bodies of its pins")
     elif len(span) == 1:
-        _doubt_single(machine, c, found)
+        _check_single(machine, c, findings)
     elif len(span) == 2:
-        _doubt_double(machine, c, found)
+        _check_double(machine, c, findings)
 
 
-def _doubt_single(machine: Machine, c: int, found: Inspection) -> None:
+def _check_single(machine: Machine, c: int, findings: Inspection) -> None:
+    """Check a cylinder that acts on one joint."""
     (j,) = machine.spans[c]
     joint, key = machine.links[j], ("cylinders", c, "linkage")
     theta = np.zeros((SCAN, machine.size))
@@ -50,36 +54,37 @@ def _doubt_single(machine: Machine, c: int, found: Inspection) -> None:
     open_at = np.flatnonzero(np.isnan(at.length))
     if open_at.size:
         problem = f"cannot be closed at {degrees[open_at[0]]:.1f} deg: correct its dimensions or {joint.name}'s"
-        found.refuse(key, f"{problem} angle_range_deg")
+        findings.refuse(key, f"{problem} angle_range_deg")
         return
-    _doubt_lever(at, j, degrees, joint.name, key, found)
-    _doubt_ends(machine, c, at.length, degrees, found)
+    _check_lever(at, j, degrees, joint.name, key, findings)
+    _check_ends(machine, c, at.length, degrees, findings)
 
 
-def _doubt_lever(at: Stretch, j: int, degrees: Array, joint: str, key: Key, found: Inspection) -> None:
-    lever = at.gradient[:, j]
+def _check_lever(stretch: Stretch, j: int, degrees: Array, joint: str, key: Key, findings: Inspection) -> None:
+    """Check that the lever over the range (SCAN,) keeps its sign, away from a dead point."""
+    lever = stretch.gradient[:, j]
     change = np.flatnonzero(np.diff(np.sign(lever)) != 0)
     if change.size and min(-lever.min(), lever.max()) > LEVER_NOISE * np.abs(lever).max():
         problem = f"has a lever that changes its sign at {degrees[change[0]]:.1f} deg, a dead point"
-        found.refuse(key, f"{problem}: check the signs of its pins, its side, and {joint}'s angle_range_deg")
-    transmission = np.broadcast_to(at.transmission, degrees.shape)
+        findings.refuse(key, f"{problem}: check the signs of its pins, its side, and {joint}'s angle_range_deg")
+    transmission = np.broadcast_to(stretch.transmission, degrees.shape)
     worst = int(np.argmin(transmission))
     if transmission[worst] < NEAR_DEAD:
         problem = (
             f"is {np.arcsin(transmission[worst]) / DEGREE:.0f} deg away from its dead point at {degrees[worst]:.1f} deg"
         )
-        found.warn(key, f"{problem}: check its dimensions and {joint}'s angle_range_deg")
+        findings.warn(key, f"{problem}: check its dimensions and {joint}'s angle_range_deg")
 
 
-def _doubt_ends(machine: Machine, c: int, length: Array, degrees: Array, found: Inspection) -> None:
-    """The cylinder's length over the joint's range against its end stops."""
+def _check_ends(machine: Machine, c: int, length: Array, degrees: Array, findings: Inspection) -> None:
+    """Check the cylinder's length (SCAN,) [m] over the joint's range against its end stops."""
     cylinder, key = machine.cylinders[c], ("cylinders", c, "linkage")
     joint = machine.links[machine.spans[c][0]].name
     low, high = cylinder.length_low, cylinder.length_high
     cure = f"correct the pins, length_range_m or {joint}'s angle_range_deg"
     if length.max() < low or length.min() > high:
         span = f"{length.min():.3f}-{length.max():.3f} m"
-        found.refuse(key, f"makes lengths of {span}, all outside length_range_m = [{low:g}, {high:g}]: {cure}")
+        findings.refuse(key, f"makes lengths of {span}, all outside length_range_m = [{low:g}, {high:g}]: {cure}")
         return
     ends = (
         (int(np.argmin(length)), low - length.min(), "shorter than retracted"),
@@ -89,30 +94,32 @@ def _doubt_ends(machine: Machine, c: int, length: Array, degrees: Array, found: 
         share = beyond / (high - low)
         problem = f"makes the cylinder {beyond / MILLIMETRE:.0f} mm {what} at {degrees[worst]:.1f} deg: {cure}"
         if share > BEYOND_REFUSE:
-            found.refuse(key, problem)
+            findings.refuse(key, problem)
         elif share > BEYOND_WARN:
-            found.warn(key, problem)
+            findings.warn(key, problem)
         elif share < -UNUSED_WARN:
             problem = f"leaves {-beyond / MILLIMETRE:.0f} mm of the stroke unused at {degrees[worst]:.1f} deg: {cure}"
-            found.warn(key, problem)
+            findings.warn(key, problem)
 
 
-def _doubt_reached(joint: str, degrees: Array, share: float, key: Key, found: Inspection) -> None:
-    """The angles of a joint, of all in its range, at which some posture fits the cylinder."""
+def _check_reached(joint: str, degrees: Array, share: float, key: Key, findings: Inspection) -> None:
+    """Check the angles of a joint, of all in its range, at which some posture fits the cylinder."""
     between = f"between {round(degrees.min())} and {round(degrees.max())} deg"
     problem = (
         f"fits its cylinder only with {joint} {between}, {share:.0%} of its angle_range_deg: check the pins, "
         "length_range_m and the range"
     )
     if share < REACHED_REFUSE:
-        found.refuse(key, problem)
+        findings.refuse(key, problem)
     elif share < REACHED_WARN:
-        found.warn(key, problem)
+        findings.warn(key, problem)
 
 
-def _doubt_double(machine: Machine, c: int, found: Inspection) -> None:
-    """A cylinder over two joints: which of their postures occur together, the file does not say, so only a linkage that
-    fits nowhere is refused."""
+def _check_double(machine: Machine, c: int, findings: Inspection) -> None:
+    """Check a cylinder over two joints.
+
+    The file does not say which of their postures occur together, so only a linkage that fits nowhere is refused.
+    """
     cylinder, key = machine.cylinders[c], ("cylinders", c, "linkage")
     first, second = machine.spans[c]
     ranges = [np.linspace(machine.links[j].angle_low, machine.links[j].angle_high, GRID) for j in (first, second)]
@@ -123,11 +130,11 @@ def _doubt_double(machine: Machine, c: int, found: Inspection) -> None:
     low, high = cylinder.length_low, cylinder.length_high
     if not inside.any():
         problem = f"fits its cylinder, length_range_m = [{low:g}, {high:g}], in no posture of its joints"
-        found.refuse(key, f"{problem}: correct the pins or the range")
+        findings.refuse(key, f"{problem}: correct the pins or the range")
         return
     for joint, angles, reached in ((first, ranges[0], inside.any(axis=1)), (second, ranges[1], inside.any(axis=0))):
-        _doubt_reached(machine.links[joint].name, angles[reached] / DEGREE, float(reached.mean()), key, found)
+        _check_reached(machine.links[joint].name, angles[reached] / DEGREE, float(reached.mean()), key, findings)
     lever = at.gradient[..., second][inside]
     if min(-lever.min(), lever.max()) > LEVER_NOISE * np.abs(lever).max():
         problem = f"has a lever at {machine.links[second].name} that changes its sign within its stroke"
-        found.warn(key, f"{problem}: check the signs of its pins and its side")
+        findings.warn(key, f"{problem}: check the signs of its pins and its side")

@@ -1,4 +1,4 @@
-"""The first joint's angle range from the working envelope of a data sheet."""
+"""Derive the first joint's angle range from the working envelope of a data sheet."""
 
 from collections.abc import Collection, Mapping, Sequence
 from math import asin, degrees
@@ -9,18 +9,23 @@ from scipy.optimize import brentq
 
 from cylforce.settings.proposal.types import MachineType, Range
 
-STEEPEST = 80.0  # deg, of a first link, up or down
-GRID = 61
-HINGES = "hinge_low_m", "hinge_height_m"  # the arm lowered and raised
-AGREE = 0.03  # of the arm's length, to which heights and angles of data sheets agree: 1 to 2 degrees; chosen
+STEEPEST = 80.0  # deg, largest inclination of a first link, up or down; chosen
+GRID = 61  # angles of each further joint; chosen
+HINGES = "hinge_low_m", "hinge_height_m"  # figures of the arm lowered and raised
+AGREE = 0.03  # difference between heights and angles of data sheets, times the arm's length: 1 to 2 degrees; chosen
 
 
 def first_range(
     kind: MachineType, lengths: Sequence[float], ranges: Sequence[Range], values: Mapping[str, Any], s: float
 ) -> Range:
-    """Angle range [deg] of the first joint: `ranges[0]`, or what follows from the figures of the envelope in `values`.
+    """Return the angle range [deg] of the first joint: `ranges[0]`, or one that follows from the envelope. Raises
+    ValueError.
 
-    `lengths` [m] and `ranges` [deg] are those of all links. Raises ValueError with a sentence."""
+    lengths: of all links [m]
+    ranges: angle ranges of all links [deg]
+    values: figures by key
+    s: size of the machine, times the example's
+    """
     low, high = ranges[0]
     height = values.get("pin_height_m") or kind.pin_height * s
     if values.get("dig_depth_m") is not None:
@@ -39,7 +44,12 @@ def first_range(
 
 
 def _downwards(depth: float, length: float, given: float) -> float:
-    """Angle [deg] at which the first link's end is `depth` [m] below its pin, stick and tool hanging straight down."""
+    """Return the angle [deg] at which the first link's end is `depth` [m] below its pin. Raises ValueError.
+
+    Stick and tool hang straight down.
+
+    given: the digging depth of the data sheet [m]
+    """
     if not 0.0 < depth < np.sin(np.radians(STEEPEST)) * length:
         raise ValueError(
             f"dig_depth_m is {given:g}, which links of these lengths do not reach with the first one pointing 0 to "
@@ -49,7 +59,12 @@ def _downwards(depth: float, length: float, given: float) -> float:
 
 
 def _towards(key: str, hinge: float, height: float, length: float) -> float:
-    """Angle [deg] at which the outer end of an arm, its pin at `height` [m], is at the height `hinge` [m]."""
+    """Return the angle [deg] at which the outer end of an arm is at the height `hinge` [m]. Raises ValueError.
+
+    key: figure of that height
+    height: height of the arm's pin [m]
+    length: length of the arm [m]
+    """
     most = np.sin(np.radians(STEEPEST)) * length
     if not abs(hinge - height) < most:
         raise ValueError(
@@ -60,8 +75,15 @@ def _towards(key: str, hinge: float, height: float, length: float) -> float:
 
 
 def check_hinges(arm: Range, length: float, values: Mapping[str, Any], given: Collection[str]) -> None:
-    """Raises ValueError where heights of the arm's ends among the `values` contradict its angle range `arm` [deg]. A
-    height of its inner pin that is not `given` follows from the first of them."""
+    """Raise ValueError where heights of the arm's ends contradict its angle range.
+
+    A height of its inner pin that is not `given` follows from the first of them.
+
+    arm: angle range of the arm [deg]
+    length: its length [m]
+    values: figures by key
+    given: keys that came from the data sheet
+    """
     pin = values["pin_height_m"] if "pin_height_m" in given else None
     hinges = [values.get(key) for key in HINGES]
     for key, hinge, angle in zip(HINGES, hinges, arm, strict=True):
@@ -77,10 +99,15 @@ def check_hinges(arm: Range, length: float, values: Mapping[str, Any], given: Co
 
 
 def _cutting(rise: float, lengths: Sequence[float], ranges: Sequence[Range], given: float) -> float:
-    """Angle [deg] of the first link at which the teeth come `rise` [m] above its pin, stick and tool at the best of
-    their `ranges` [deg]."""
+    """Return the angle [deg] of the first link at which the teeth come `rise` [m] above its pin. Raises ValueError.
+
+    Stick and tool are at the best angles of their ranges.
+
+    given: the cutting height of the data sheet [m]
+    """
 
     def above(angle: float) -> float:
+        """Return by how much the teeth come above the wanted height [m]."""
         return highest(angle, lengths, ranges) - rise
 
     if not above(0.0) < 0.0 < above(STEEPEST):
@@ -93,7 +120,7 @@ def _cutting(rise: float, lengths: Sequence[float], ranges: Sequence[Range], giv
 
 
 def highest(angle: float, lengths: Sequence[float], ranges: Sequence[Range]) -> float:
-    """How far [m] the last link's end comes above the first pin, with the first joint at `angle` [deg]."""
+    """Return how far [m] the last link's end comes above the first pin, with the first joint at an angle [deg]."""
     grids = np.meshgrid(*(np.linspace(*r, GRID) for r in ranges[1:]), indexing="ij")
     q, height = np.radians(angle), lengths[0] * np.sin(np.radians(angle))
     for length, turned in zip(lengths[1:], grids, strict=True):

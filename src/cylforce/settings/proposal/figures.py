@@ -7,15 +7,21 @@ from typing import NamedTuple
 from cylforce.settings.proposal.types import MachineType, Range, Raw, size
 
 Value = str | int | float | Range | None  # None: follows from the others
-LENGTH = (0.4, 2.5)  # times the typical length: proportions within one type
-MASS = (0.2, 4.0)  # times the typical mass: quick couplers, long-reach booms, heavy tools
-BORE = (0.5, 2.0)  # times the typical bore
-PINS_MM = 20.0  # half-width within which pins of a 20 t machine are guessed right that were fitted to its cylinders
+LENGTH = (0.4, 2.5)  # limits of a length, times the typical one: proportions within one type; chosen
+MASS = (0.2, 4.0)  # limits of a mass, times the typical one: quick couplers, long-reach booms, heavy tools; chosen
+BORE = (0.5, 2.0)  # limits of a bore, times the typical one; chosen
+PINS_MM = 20.0  # mm, half-width of the error of pins that were fitted to the cylinders of a 20 t machine; chosen
 
 
 class Figure(NamedTuple):
-    """One figure: `key`, as in the machine file where it stands there; what it is, in words with its unit; the typical
-    value (None: follows from other figures); limits of the value, or of both ends of a range."""
+    """One figure of a data sheet.
+
+    key: key as in the machine file, if the file has it
+    words: what it is, with its unit
+    typical: typical value; None: it follows from other figures
+    low, high: limits of the value, or of both ends of a range
+    shape: str, int, float, or tuple for a range
+    """
 
     key: str
     words: str
@@ -26,7 +32,11 @@ class Figure(NamedTuple):
 
 
 def figures(kind: MachineType, raw: Raw, tonnes: float) -> tuple[Figure, ...]:
-    """The figures of a machine of this type and operating mass [t]; `raw`: the type's example. Raises ValueError."""
+    """Return the figures of a machine of this type. Raises ValueError.
+
+    raw: tables of the type's example
+    tonnes: operating mass [t]
+    """
     s = size(kind, tonnes)
     share = tonnes / kind.tonnes
     payload = _rounded(raw["machine"]["rated_payload_kg"] * share)
@@ -45,6 +55,7 @@ def figures(kind: MachineType, raw: Raw, tonnes: float) -> tuple[Figure, ...]:
 
 
 def _of_link(raw: Raw, k: int, s: float, share: float) -> Iterator[Figure]:
+    """Yield the figures of link k; `s`, `share`: size and mass, times the example's."""
     link, name = raw["links"][k], raw["links"][k]["name"]
     last = k == len(raw["links"]) - 1
     length = _rounded(s * (raw["tool"]["point_m"][0] if last else link["length_m"]))
@@ -58,13 +69,14 @@ def _of_link(raw: Raw, k: int, s: float, share: float) -> Iterator[Figure]:
 
 
 def _from(raw: Raw, k: int) -> str:
+    """Return from where the angle of link k is measured."""
     if reached_over(raw, k):
         return "from the horizontal with the chassis level"
     return "from the horizontal" if k == 0 else f"from the {raw['links'][k - 1]['name']}'s line"
 
 
 def reached_over(raw: Raw, k: int) -> tuple[int, ...]:
-    """The joints before joint k that its cylinder reaches over (a wheel loader's tilt cylinder)."""
+    """Return the joints before joint k that its cylinder reaches over (a wheel loader's tilt cylinder)."""
     bodies = ["chassis", *(link["name"] for link in raw["links"])]
     for cylinder in raw["cylinders"]:
         pins = [bodies.index(p["body"]) for p in cylinder["linkage"].values() if isinstance(p, Mapping)]
@@ -74,19 +86,24 @@ def reached_over(raw: Raw, k: int) -> tuple[int, ...]:
 
 
 def drive_range(raw: Raw, k: int) -> Range:
-    """Range [deg] of the angle that the cylinder at joint k sets: of its joint, or from the chassis."""
+    """Return the range [deg] of the angle that the cylinder at joint k sets: of its joint, or from the chassis."""
     low, high = raw["links"][k]["angle_range_deg"]
     others = [raw["links"][i]["angle_range_deg"] for i in reached_over(raw, k)]
-    return float(low + sum(h for _, h in others)), float(high + sum(o for o, _ in others))
+    return (
+        float(low + sum(other_high for other_low, other_high in others)),
+        float(high + sum(other_low for other_low, other_high in others)),
+    )
 
 
 def _of_envelope(kind: MachineType, s: float) -> Iterator[Figure]:
+    """Yield the figures of the working envelope."""
     for key, words in kind.envelope:
         typical = _rounded(kind.pin_height * s) if key == "pin_height_m" else None
         yield Figure(key, words, typical, *(_around(typical, LENGTH) if typical else (0.1, 30.0)))
 
 
 def _of_cylinder(cylinder: Raw, s: float) -> Iterator[Figure]:
+    """Yield the figures of a cylinder."""
     name = cylinder["name"]
     yield Figure(f"{name}.count", f"{name}: cylinders side by side", cylinder.get("count", 1), 1, 4, int)
     bore, rod = (_standard(s * cylinder[key]) for key in ("bore_mm", "rod_mm"))
@@ -99,27 +116,28 @@ def _of_cylinder(cylinder: Raw, s: float) -> Iterator[Figure]:
 
 
 def _around(typical: float, factors: Range) -> Range:
+    """Return the limits around a typical value."""
     return _rounded(typical * factors[0]), _rounded(typical * factors[1])
 
 
 def _rounded(value: float) -> float:
-    """Three digits."""
+    """Return a value with three digits."""
     return float(f"{value:.3g}")
 
 
 def _standard(mm: float) -> float:
-    """A diameter as they are made: in steps of 5 mm."""
+    """Return a diameter as cylinders are made: in steps of 5 mm."""
     return max(5.0 * round(mm / 5.0), 20.0)
 
 
 def parsed(figure: Figure, text: str) -> Value:
-    """The value that a text gives a figure. Raises ValueError with a sentence that names key, value, limit and cure."""
+    """Return the value that a text gives a figure. Raises ValueError that names key, value, limit and cure."""
     if figure.shape is str:
         if not text.isprintable():
             raise ValueError(f"{figure.key} is {text!r}: write one line of letters, digits and signs")
         return text
     try:
-        if "_" in text:  # which Python's numbers may contain
+        if "_" in text:  # valid in Python's numbers, not in a data sheet's
             raise ValueError
         if figure.shape is tuple:
             low, high = (float(part) for part in text.strip("[] ").replace(",", ":").split(":"))
@@ -134,6 +152,7 @@ def parsed(figure: Figure, text: str) -> Value:
 
 
 def _checked(figure: Figure, number: float) -> float:
+    """Return a number within the limits of a figure. Raises ValueError."""
     if not figure.low <= number <= figure.high:
         raise ValueError(
             f"{figure.key} is {number:g}, machines of this type and size have {figure.low:g} to {figure.high:g}: "
@@ -143,6 +162,7 @@ def _checked(figure: Figure, number: float) -> float:
 
 
 def _checked_range(figure: Figure, given: Range) -> Range:
+    """Return a range within the limits of a figure. Raises ValueError."""
     if not figure.low <= given[0] < given[1] <= figure.high:
         raise ValueError(
             f"{figure.key} is {given[0]:g}:{given[1]:g}, it must rise and lie within {figure.low:g}:{figure.high:g}: "
@@ -152,8 +172,8 @@ def _checked_range(figure: Figure, given: Range) -> Range:
 
 
 def settings(texts: Iterable[str], known: Mapping[str, Figure]) -> dict[str, Value]:
-    """Values by key from texts KEY=VALUE. Raises ValueError with a sentence."""
-    found: dict[str, Value] = {}
+    """Return values by key from texts KEY=VALUE. Raises ValueError with a sentence."""
+    values: dict[str, Value] = {}
     for text in texts:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not key or not equals:
@@ -162,7 +182,7 @@ def settings(texts: Iterable[str], known: Mapping[str, Figure]) -> dict[str, Val
             close = get_close_matches(key, known, 1)
             cure = f"did you mean {close[0]}" if close else "`cylforce new --list` shows all"
             raise ValueError(f"--set {key}: is no figure of this type of machine: {cure}")
-        if key in found:
+        if key in values:
             raise ValueError(f"--set {key}: is given twice: give it once")
-        found[key] = parsed(known[key], value)
-    return found
+        values[key] = parsed(known[key], value)
+    return values

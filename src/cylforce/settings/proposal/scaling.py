@@ -1,28 +1,33 @@
-"""From figures of a data sheet to the tables of a machine file: the example's proportions scaled to them."""
+"""Scale an example's tables of a machine file to the figures of a data sheet."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from typing import Any, NamedTuple
 
 from cylforce.settings.proposal.envelope import HINGES, check_hinges, first_range
 from cylforce.settings.proposal.figures import Value, reached_over
-from cylforce.settings.proposal.narrowing import widest
 from cylforce.settings.proposal.pins import driven, fit_pins
 from cylforce.settings.proposal.types import ENVELOPE, MachineType, Range, Raw, size
 
 Tables = dict[str, Any]
 Values = Mapping[str, Any]
-UNKNOWN_MASS, UNKNOWN_INERTIA = 30.0, 50.0  # per cent by which such machines of one size class differ
-UNKNOWN_BORE = 0.05  # of the bore: cylinders of one size class differ by a step of 5 mm or two
-MOST_BORE = 10.0  # mm: bores are made in steps of 5 to 20 mm
-CENTRE = 0.1  # of the link's length, within which a scaled centre of gravity is right
-NEAR_END = 0.2  # of a link's length: a pin nearer to an end keeps its scaled distance from that end
-SENSOR_ROOM = 5.0  # deg beyond the joint's range in which an angle is believed
+UNKNOWN_MASS, UNKNOWN_INERTIA = 30.0, 50.0  # per cent by which machines of one size class differ; chosen
+UNKNOWN_BORE = 0.05  # tolerance of a typical bore, times the bore: cylinders differ by a step of 5 mm or two
+MOST_BORE = 10.0  # mm, largest tolerance of a typical bore: bores are made in steps of 5 to 20 mm
+CENTRE = 0.1  # tolerance of a scaled centre of gravity, times the link's length; chosen
+NEAR_END = 0.2  # share of a link's length: a pin nearer to an end keeps its scaled distance from that end; chosen
+SENSOR_ROOM = 5.0  # deg beyond the joint's range that an angle sensor's range covers; chosen
+NARROWING_STEPS = 9  # steps by which a range is narrowed at most: to 70 % of it; chosen
+NARROWING_STEP = 1.0 / 30.0  # one such step, times the range; chosen
 
 
 class ProposedMachine(NamedTuple):
-    """A proposed machine: the `tables` of its machine file; typical angle ranges [deg] that were `narrowed` because a
-    cylinder could not cover them, by key of `figures`."""
+    """A proposed machine.
+
+    tables: tables of its machine file
+    narrowed: by key of `figures` the typical angle ranges [deg] that were narrowed because a cylinder could not cover
+        them
+    """
 
     tables: Tables
     narrowed: dict[str, Range]
@@ -31,10 +36,13 @@ class ProposedMachine(NamedTuple):
 def proposal(
     kind: MachineType, raw: Raw, tonnes: float, values: Mapping[str, Value], given: frozenset[str]
 ) -> ProposedMachine:
-    """The machine, from the `raw` tables of the type's example.
+    """Return the machine. Raises ValueError, in a sentence, for figures that do not fit together.
 
-    `values`: by key of `figures`, None where a value follows from the others; `given`: keys that came from the data
-    sheet and are not typical. Raises ValueError, in a sentence, for figures that do not fit together."""
+    raw: tables of the type's example
+    tonnes: operating mass [t]
+    values: by key of `figures`; None: it follows from the others
+    given: keys that came from the data sheet and are not typical
+    """
     s = size(kind, tonnes)
     tables: Tables = deepcopy(dict(raw))
     _set_machine(tables, values, s)
@@ -55,6 +63,7 @@ def proposal(
 
 
 def _set_machine(tables: Tables, values: Values, s: float) -> None:
+    """Set the table of the machine."""
     machine = tables["machine"]
     machine |= {"name": values["name"], "rated_payload_kg": values["rated_payload_kg"]}
     for key in ("payload_reach_m", "slew_axis_m"):
@@ -63,11 +72,12 @@ def _set_machine(tables: Tables, values: Values, s: float) -> None:
 
 
 def _length(tables: Raw, k: int) -> float:
-    """From a link's inner pin to its outer one, or to the teeth [m]."""
+    """Return the length of a link from its inner pin to its outer one, or to the teeth [m]."""
     return float(tables["links"][k].get("length_m", tables["tool"]["point_m"][0]))
 
 
 def _set_link(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset[str], s: float) -> None:
+    """Set length, mass, centre of gravity, inertia and tolerances of link k."""
     link, name = tables["links"][k], tables["links"][k]["name"]
     length, mass = values[f"{name}.length_m"], values[f"{name}.mass_kg"]
     longer, heavier = length / _length(raw, k), mass / link["mass_kg"]
@@ -86,8 +96,10 @@ def _set_link(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset
 
 
 def _ranges(kind: MachineType, tables: Tables, values: Values, given: frozenset[str], s: float) -> list[Range]:
-    """Angle range [deg] of each link as figures give it: of a link whose cylinder reaches over others, from the
-    chassis."""
+    """Return the angle range [deg] of each link as figures give it.
+
+    The range of a link whose cylinder reaches over others is measured from the chassis.
+    """
     lengths = [_length(tables, k) for k in range(len(tables["links"]))]
     wanted = [values[f"{link['name']}.angle_range_deg"] for link in tables["links"]]
     if f"{tables['links'][0]['name']}.angle_range_deg" in given:
@@ -97,7 +109,7 @@ def _ranges(kind: MachineType, tables: Tables, values: Values, given: frozenset[
 
 
 def _set_ranges(tables: Tables, raw: Raw, ranges: list[Range]) -> None:
-    """The joints' angle ranges [deg] from those of `_ranges`."""
+    """Set the joints' angle ranges [deg] from those of `_ranges`."""
     for k, link in enumerate(tables["links"]):
         others = [ranges[i] for i in reached_over(raw, k)]
         low, high = ranges[k][0] - sum(o[1] for o in others), ranges[k][1] - sum(o[0] for o in others)
@@ -107,12 +119,16 @@ def _set_ranges(tables: Tables, raw: Raw, ranges: list[Range]) -> None:
 def _fit(
     tables: Tables, raw: Raw, k: int, ranges: list[Range], wanted: Range | None, given: frozenset[str]
 ) -> dict[str, Range]:
-    """Fit the pins of cylinder k; where there are none for its joint's typical range, narrow that one in `ranges` and
-    return it by its key. Raises ValueError, with the widest range that fits, where the range was given."""
+    """Fit the pins of cylinder k; return the range that was narrowed for it, by its key, else nothing.
+
+    A typical range is narrowed in `ranges` until pins fit. Raises ValueError, with the widest range that fits, where
+    the range was given.
+    """
     j, start = driven(tables, k), deepcopy(tables["cylinders"][k])
     key, first = f"{tables['links'][j]['name']}.angle_range_deg", ranges[j]
 
     def fit(tried: Range) -> None:
+        """Fit the pins for a range [deg]. Raises ValueError."""
         ranges[j], tables["cylinders"][k] = tried, deepcopy(start)
         _set_ranges(tables, raw, ranges)
         fit_pins(tables, k, wanted, tried)
@@ -120,16 +136,38 @@ def _fit(
     try:
         fit(first)
     except ValueError as error:
-        found = widest(first, fit)
-        if found is None:
+        narrower = _widest_fitting(first, fit)
+        if narrower is None:
             raise
         if key in given or (j == 0 and given & set(ENVELOPE)):
-            raise ValueError(f"{error}; the widest range that fits is about {found[0]:g}:{found[1]:g}") from error
-        return {key: found}
+            low, high = narrower
+            raise ValueError(f"{error}; the widest range that fits is about {low:g}:{high:g}") from error
+        return {key: narrower}
     return {}
 
 
+def _narrowed(wanted: Range) -> Iterator[Range]:
+    """Yield narrower ranges [deg] within `wanted`, the widest first; of equally wide ones the most central first."""
+    low, high = wanted
+    step = NARROWING_STEP * (high - low)
+    for count in range(1, NARROWING_STEPS + 1):
+        for below in sorted(range(count + 1), key=lambda part: abs(2 * part - count)):
+            yield round(low + below * step, 1), round(high - (count - below) * step, 1)
+
+
+def _widest_fitting(wanted: Range, fit: Callable[[Range], None]) -> Range | None:
+    """Return the first narrower range for which `fit` raises no ValueError; None where it raises one for each."""
+    for narrower in _narrowed(wanted):
+        try:
+            fit(narrower)
+        except ValueError:
+            continue
+        return narrower
+    return None
+
+
 def _set_cylinder(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset[str], s: float) -> None:
+    """Set dimensions, tolerances and scaled linkage of cylinder k. Raises ValueError."""
     cylinder, name = tables["cylinders"][k], tables["cylinders"][k]["name"]
     count, bore, rod = (values[f"{name}.{key}"] for key in ("count", "bore_mm", "rod_mm"))
     if rod >= bore:
@@ -149,9 +187,14 @@ def _set_cylinder(tables: Tables, raw: Raw, k: int, values: Values, given: froze
 
 
 def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[float]:
-    """A pin of the example on the new machine [m]: as far, times the size, from the nearer end of its link; in the
-    middle of a link as far along it in proportion. `outer`: as far from the outer end, where the link has a rocker: the
-    same linkage is used on longer and shorter links."""
+    """Return the place of a pin of the example on the new machine [m].
+
+    The pin keeps its distance, times the size, from the nearer end of its link. In the middle of a link it keeps its
+    share of the length.
+
+    outer: keep the distance from the outer end, as for a link with a rocker: the same linkage is used on longer and
+        shorter links
+    """
     x, z = pin["at_m"]
     names = [link["name"] for link in raw["links"]]
     if pin["body"] not in names[:-1]:
@@ -164,8 +207,10 @@ def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[fl
 
 
 def _wanted(values: Values, cylinder: Raw, s: float) -> tuple[float, float] | None:
-    """Closed and open length [m] from the data sheet; None where neither stroke nor closed length is given. The one
-    that is missing is the example's, scaled: of the length, what is not stroke."""
+    """Return closed and open length [m] from the data sheet; None where neither stroke nor closed length is given.
+
+    Of the two, one that is missing follows from the example: the scaled part of the length that is not stroke.
+    """
     stroke, closed = (values[f"{cylinder['name']}.{key}"] for key in ("stroke_mm", "closed_mm"))
     if stroke is None and closed is None:
         return None
@@ -182,6 +227,7 @@ def _wanted(values: Values, cylinder: Raw, s: float) -> tuple[float, float] | No
 
 
 def _set_bus(tables: Tables, values: Values) -> None:
+    """Set node numbers, and the ranges of the angle sensors."""
     for node in tables["nodes"]:
         node["node_id"] = values[f"{node['name']}.node_id"]
         node.pop("identity", None)  # the example's sensors are others

@@ -1,4 +1,4 @@
-"""The types of machine that `cylforce new` knows: which shipped machine file has their typical proportions."""
+"""The types of machine that `cylforce new` supports: which shipped machine file has their typical proportions."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -8,10 +8,15 @@ Range = tuple[float, float]
 
 
 class MachineType(NamedTuple):
-    """A type of machine: `example`, the shipped file with typical proportions, is one of `tonnes` operating mass.
+    """A type of machine.
 
-    `pin_height` [m] of the first joint's pin above the ground; `envelope`: figures of the working envelope from which
-    the first joint's range follows: key and what it is. Frames are those of the example."""
+    words: what it is, for a list
+    title: name of such a machine
+    example: shipped machine file with typical proportions; frames are those of the example
+    tonnes: operating mass of the example [t]
+    pin_height: height of the first joint's pin above the ground [m]
+    envelope: figures of the working envelope from which the first joint's range follows: key and meaning
+    """
 
     words: str
     title: str
@@ -55,20 +60,20 @@ TYPES = {
     ),
 }
 ENVELOPE = tuple(key for kind in TYPES.values() for key, _ in kind.envelope if key != PIN_HEIGHT[0])
-LIGHTEST, HEAVIEST = 0.8, 100.0  # t: mini excavators to the largest that come in one piece
+LIGHTEST, HEAVIEST = 0.8, 100.0  # t: mini excavators to the largest that are transported in one piece
 
 
 def machine_type(name: str) -> MachineType:
-    """The type of this name. Raises ValueError with a sentence."""
+    """Return the type of this name. Raises ValueError with a sentence."""
     if name not in TYPES:
         raise ValueError(f"--type is {name!r}, which is no type of machine: write one of {', '.join(TYPES)}")
     return TYPES[name]
 
 
 def operating_mass(text: str) -> float:
-    """The operating mass [t] that a text gives. Raises ValueError with a sentence."""
+    """Return the operating mass [t] that a text gives. Raises ValueError with a sentence."""
     try:
-        if "_" in text:  # which Python's numbers may contain
+        if "_" in text:  # valid in Python's numbers, not in a data sheet's
             raise ValueError
         tonnes = float(text)
     except ValueError:
@@ -80,5 +85,7 @@ def operating_mass(text: str) -> float:
 
 
 def size(kind: MachineType, tonnes: float) -> float:
-    """How many times as long as the example a machine of this operating mass [t] is: masses grow with lengths cubed."""
+    """Return the length of a machine of this operating mass [t], times the example's: masses grow with lengths
+    cubed.
+    """
     return float((tonnes / kind.tonnes) ** (1.0 / 3.0))

@@ -1,5 +1,7 @@
-"""A proposed machine as the text of a machine file: the example's text with other values, and comments that say where
-each comes from and what is still to be measured."""
+"""Write a proposed machine as the text of a machine file.
+
+It is the example's text with other values, and with comments that say where each comes from and what must be measured.
+"""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -10,7 +12,7 @@ from tomlkit.items import AoT, InlineTable, Item, Table
 from cylforce.settings.proposal.scaling import ProposedMachine
 from cylforce.settings.proposal.types import ENVELOPE, MachineType, Raw
 
-MEASURE = "MEASURE THIS"
+MEASURE = "MEASURE THIS"  # marks what no data sheet gives
 HEAD = """\
 # {title} of {tonnes:g} t, proposed by `cylforce new` from its data sheet.
 #
@@ -24,21 +26,27 @@ PINS = ("foot", "eye", "rocker_pin", "link_pin", "inner_pin", "outer_pin")
 
 
 def text(kind: MachineType, example: str, made_of: ProposedMachine, tonnes: float, given: frozenset[str]) -> str:
-    """The file. `example`: the text of the type's example; `given`: keys of `figures` that came from the data sheet."""
-    made = tomlkit.parse(example[example.index("\n#\n") + 1 :])  # without what it says of itself
-    _update(made, made_of.tables)
+    """Return the text of the file.
+
+    example: text of the type's example
+    made_of: the proposed machine
+    tonnes: operating mass [t]
+    given: keys of `figures` that came from the data sheet
+    """
+    document = tomlkit.parse(example[example.index("\n#\n") + 1 :])  # without the example's own introduction
+    _update(document, made_of.tables)
     for key, words in _comments(made_of, given):
-        _comment(made, key, words)
+        _comment(document, key, words)
     head = HEAD.format(title=kind.title, tonnes=tonnes, measure=MEASURE)
-    return head + made.as_string()
+    return head + document.as_string()
 
 
-def _update(made: Any, tables: Mapping[str, Any]) -> None:  # noqa: ANN401 - any table of tomlkit
-    """Write the values of `tables` over those of a document; comments of values that change go with them."""
-    for key in [key for key in made if key not in tables]:
-        del made[key]
+def _update(document: Any, tables: Mapping[str, Any]) -> None:  # noqa: ANN401 - any table of tomlkit
+    """Write the values of `tables` over those of a document; a value that changes loses its comment."""
+    for key in [key for key in document if key not in tables]:
+        del document[key]
     for key, value in tables.items():
-        old = made.get(key)
+        old = document.get(key)
         if isinstance(old, Table) or (
             isinstance(value, Mapping) and old is not None and not isinstance(old, InlineTable)
         ):
@@ -47,11 +55,11 @@ def _update(made: Any, tables: Mapping[str, Any]) -> None:  # noqa: ANN401 - any
             for part, new in zip(old, value, strict=True):
                 _update(part, new)
         elif old != value:
-            made[key] = _item(value)
+            document[key] = _item(value)
 
 
 def _item(value: object) -> Item:
-    """Numbers as short as they can be, tables in one line."""
+    """Return a value for TOML: numbers as short as they can be, tables in one line."""
     if isinstance(value, Mapping):
         inline = tomlkit.inline_table()
         inline.update({key: _item(part) for key, part in value.items()})
@@ -64,7 +72,7 @@ def _item(value: object) -> Item:
 
 
 def _comments(made_of: ProposedMachine, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Keys of the file and what is to be said of them."""
+    """Yield keys of the file and their comments."""
     tables = made_of.tables
     yield ("machine", "rated_payload_kg"), _source("rated_payload_kg" in given, "data sheet, load chart")
     if "payload_reach_m" in tables["machine"]:
@@ -83,6 +91,7 @@ def _comments(made_of: ProposedMachine, given: frozenset[str]) -> Iterator[tuple
 def _of_link(
     k: int, link: Raw, made_of: ProposedMachine, given: frozenset[str]
 ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Yield keys of link k and their comments."""
     name = link["name"]
     if "length_m" in link:
         yield ("links", k, "length_m"), _source(f"{name}.length_m" in given, f"{MEASURE}, from pin to pin")
@@ -100,6 +109,7 @@ def _of_link(
 
 
 def _of_cylinder(k: int, cylinder: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Yield keys of cylinder k and their comments."""
     name = cylinder["name"]
     for key in ("count", "bore_mm", "rod_mm"):
         if key in cylinder:
@@ -122,11 +132,14 @@ def _of_cylinder(k: int, cylinder: Raw, given: frozenset[str]) -> Iterator[tuple
 
 
 def _source(is_given: bool, cure: str) -> str:
+    """Return where a value comes from, and for a typical one what to do."""
     return "data sheet" if is_given else f"typical; {cure}"
 
 
-def _comment(made: Any, key: tuple[str | int, ...], words: str) -> None:  # noqa: ANN401 - any table of tomlkit
-    *way, last = key
-    for part in way:
-        made = made[part]
-    made.item(last).comment(words)
+def _comment(document: Any, key: tuple[str | int, ...], words: str) -> None:  # noqa: ANN401 - any table of tomlkit
+    """Write a comment beside a key."""
+    *path, last = key
+    table = document
+    for part in path:
+        table = table[part]
+    table.item(last).comment(words)
