@@ -17,14 +17,14 @@ from babel.messages.pofile import read_po
 
 from cylforce.can.opening import open_bus
 from cylforce.display import stream
-from cylforce.display.app import STATIC, Desk, application
+from cylforce.display.app import STATIC, PageSources, application
 from cylforce.display.guard import LOCKED_US, TRIES, Guard
 from cylforce.display.listener import LATE_US, Listener
-from cylforce.display.panel import Known, Loading, Panel, request
+from cylforce.display.panel import Loading, Panel, TruckState, command_request
 from cylforce.display.picture import SILENT, Marks, Painter
 from cylforce.display.serving import Display, Served
 from cylforce.display.stream import Feed
-from cylforce.display.words import FOLDER, PAGE, REASONS, catalogue, languages, messages, spoken
+from cylforce.display.words import FOLDER, PAGE, REASONS, catalogue, languages, messages, page_words
 from cylforce.programs import scale
 from cylforce.programs.common.addresses import host_and_port
 from cylforce.programs.common.readings import make_core
@@ -104,11 +104,11 @@ def test_without_angles_there_is_no_arm():
 
 def test_target_remaining_and_last_bucket():
     loading = Loading()
-    loading.update(Known(1, 4000.0, 4, 4, 4, 0, 5000.0, 1))
+    loading.update(TruckState(1, 4000.0, 4, 4, 4, 0, 5000.0, 1))
     truck = painted(weighed(WEIGHT), loading)["truck"]
     assert (truck["share"], truck["remaining"], truck["last_bucket"]) == (0.8, 1000.0, True)
     assert truck["with_bucket"] == pytest.approx(5003.4 / 5000.0)
-    loading.update(Known(1, 5000.5, 5, 5, 5, 0, 5000.0, 1))
+    loading.update(TruckState(1, 5000.5, 5, 5, 5, 0, 5000.0, 1))
     assert [tuple(bucket) for bucket in loading.buckets] == [(5, 1000.5)]
     assert painted(weighed(WEIGHT), loading)["truck"]["last_bucket"] is False
 
@@ -126,18 +126,18 @@ def test_the_engineering_picture_names_nodes_and_reasons():
 
 
 def test_commands_become_sdo_writes():
-    assert request("zero", 0) == (0x6125, 1, b"zero")
-    assert request("target", 12_000.0) == (0x2190, 1, struct.pack("<i", 120_000))
-    assert request("cancel", 7) == (0x2190, 4, struct.pack("<I", 7))
-    assert request("format the disk", 0) is None
-    assert request("product", -1) is None
-    assert request("zero", None) == (0x6125, 1, b"zero")
+    assert command_request("zero", 0) == (0x6125, 1, b"zero")
+    assert command_request("target", 12_000.0) == (0x2190, 1, struct.pack("<i", 120_000))
+    assert command_request("cancel", 7) == (0x2190, 4, struct.pack("<I", 7))
+    assert command_request("format the disk", 0) is None
+    assert command_request("product", -1) is None
+    assert command_request("zero", None) == (0x6125, 1, b"zero")
 
 
 def test_a_command_whose_number_is_missing_or_not_whole_is_none():
     """It would delete a target, or choose another product."""
-    assert request("target", None) is None
-    assert request("product", 1.5) is None
+    assert command_request("target", None) is None
+    assert command_request("product", 1.5) is None
 
 
 TYPED = (
@@ -182,7 +182,9 @@ def test_commands_reach_a_service_and_its_answer_comes_back():
         daemon.start(loop)
         try:
             follow = asyncio.create_task(display.panel.follow())
-            outcomes = [await display.panel.obey(*words) for words in (("target", 9000.0), ("zero", 0), ("dance", 0))]
+            outcomes = [
+                await display.panel.send_command(*words) for words in (("target", 9000.0), ("zero", 0), ("dance", 0))
+            ]
             await until(lambda: (known := display.panel.loading.known) is not None and known.target > 0.0)
             follow.cancel()
             return outcomes, display.panel.loading.known
@@ -245,7 +247,7 @@ class Web:
     def __init__(self, records=None, pin="", hosts=("127.0.0.1",)):
         self.now_us = NOW
         channels = Feed(dict), Feed(dict)
-        desk = Desk(None, records, *channels, lambda: self.now_us)
+        desk = PageSources(None, records, *channels, lambda: self.now_us)
         self.app = Guard(application(desk), hosts, pin, lambda: self.now_us)
 
     def ask(self, method, path, host="127.0.0.1:8080", **more):
@@ -376,7 +378,7 @@ def test_a_forgotten_word_is_found():
 def test_no_word_is_untranslated(language):
     assert untranslated(catalogue(language).gettext) == set()
     assert set(REASONS) == set(Reason)
-    assert spoken(language)["language"] == language
+    assert page_words(language)["language"] == language
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.rglob("*.po")), ids=lambda p: p.parts[-3])
@@ -416,7 +418,7 @@ def test_the_panel_says_when_nobody_answers():
     async def main():
         bus = open_bus("virtual:nobody")
         try:
-            return await Panel(Display(SERVED, bus)._network, 64).obey("zero", 0)
+            return await Panel(Display(SERVED, bus)._network, 64).send_command("zero", 0)
         finally:
             bus.close()
 

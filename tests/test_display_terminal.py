@@ -3,7 +3,7 @@
 import pytest
 
 from cylforce.display.listener import Listener
-from cylforce.display.panel import Known, Loading
+from cylforce.display.panel import Loading, TruckState
 from cylforce.display.picture import Marks, Painter
 from cylforce.display.terminal import WIDTH, lines
 from cylforce.display.words import languages
@@ -15,8 +15,8 @@ from test_display import NOW, SERVICE, WEIGHT, heard, weighed
 
 def loading(total=4000.0, filled=4, target=5000.0):
     made = Loading()
-    made.update(Known(3, total - 900.0, filled - 1, filled - 1, 0, 0, target, 0))
-    made.update(Known(3, total, filled, filled, 0, 0, target, 0))
+    made.update(TruckState(3, total - 900.0, filled - 1, filled - 1, 0, 0, target, 0))
+    made.update(TruckState(3, total, filled, filled, 0, 0, target, 0))
     return made
 
 

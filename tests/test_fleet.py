@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis.numbers import MASS
-from cylforce.fleet.causes import Culprit
+from cylforce.fleet.causes import Cause
 from cylforce.fleet.changes import Shape, changes
 from cylforce.fleet.courses import course
-from cylforce.fleet.gaussians import Belonging, loosened
+from cylforce.fleet.gaussians import GroupedGaussians, with_added_variance
 from cylforce.fleet.history import History
-from cylforce.fleet.usual import Levels, Usual, learnt, stated
+from cylforce.fleet.usual import Levels, Usual, learn_usual, prior_usual
 
 SIZE = 3
 DAYS, WITHIN, BETWEEN = np.array([1.0, 0.6, 2.0]), np.array([0.5, 0.5, 0.5]), np.array([10.0, 5.0, 20.0])
 MEAN = np.array([100.0, -50.0, 0.0])
 CULPRITS = [
-    *(Culprit(name, "", "1", np.eye(SIZE)[:, [k]], np.array([[3.0], [10.0]]), 1.0) for k, name in enumerate("abc")),
-    Culprit("unknown", "", "", np.eye(SIZE), np.array([5.0, 25.0])[:, None] * DAYS, 0.0),
+    *(Cause(name, "", "1", np.eye(SIZE)[:, [k]], np.array([[3.0], [10.0]]), 1.0) for k, name in enumerate("abc")),
+    Cause("unknown", "", "", np.eye(SIZE), np.array([5.0, 25.0])[:, None] * DAYS, 0.0),
 ]
 
 
@@ -35,7 +35,7 @@ def fleet_of(machines, days, rng, parts=2):
                 pull.append(told @ now + root.T @ rng.standard_normal(SIZE + 4))
                 group.append(len(machine))
             machine.append(i)
-    return Levels(Belonging(np.array(information), np.array(pull), np.array(group)), np.array(machine))
+    return Levels(GroupedGaussians(np.array(information), np.array(pull), np.array(group)), np.array(machine))
 
 
 def history_of(rng, course_of_size, n=10):
@@ -47,11 +47,11 @@ def history_of(rng, course_of_size, n=10):
     information = np.einsum("nik,nil->nkl", root, root)
     noise = np.einsum("nik,ni->nk", root, rng.standard_normal((n, SIZE + 4)))
     pull = np.einsum("nkl,nl->nk", information, values) + noise
-    return History(7.0 * np.arange(n), *loosened(information, pull, DAYS**2), MEAN, BETWEEN)
+    return History(7.0 * np.arange(n), *with_added_variance(information, pull, DAYS**2), MEAN, BETWEEN)
 
 
 def test_the_spreads_of_a_simulated_fleet_are_found():
-    found, _ = learnt(fleet_of(40, 8, np.random.default_rng(1)), stated(MEAN, 3.0 * BETWEEN, 2.0 * DAYS))
+    found, _ = learn_usual(fleet_of(40, 8, np.random.default_rng(1)), prior_usual(MEAN, 3.0 * BETWEEN, 2.0 * DAYS))
     assert found.machines == 40
     assert found.recordings == 320
     assert found.days == pytest.approx(DAYS, rel=0.2)
@@ -66,15 +66,15 @@ def test_what_no_recording_tells_stays_as_stated():
     blind[:, 2, :] = blind[:, :, 2] = 0.0
     pull = levels.parts.pull.copy()
     pull[:, 2] = 0.0
-    before = stated(MEAN, 3.0 * BETWEEN, DAYS)
-    found, _ = learnt(levels._replace(parts=levels.parts._replace(information=blind, pull=pull)), before)
+    before = prior_usual(MEAN, 3.0 * BETWEEN, DAYS)
+    found, _ = learn_usual(levels._replace(parts=levels.parts._replace(information=blind, pull=pull)), before)
     assert found.days[2] == pytest.approx(before.days[2], rel=0.05)
     assert found.between[2] == pytest.approx(before.between[2], rel=0.3)
 
 
 def test_three_machines_do_not_narrow_the_spread_between_machines():
-    before = stated(MEAN, 3.0 * BETWEEN, DAYS)
-    found, _ = learnt(fleet_of(3, 4, np.random.default_rng(3)), before)
+    before = prior_usual(MEAN, 3.0 * BETWEEN, DAYS)
+    found, _ = learn_usual(fleet_of(3, 4, np.random.default_rng(3)), before)
     assert np.array_equal(found.between, before.between)
 
 
@@ -147,7 +147,7 @@ def test_the_distance_of_recordings_in_order_is_about_one():
         values = own + DAYS * rng.standard_normal((6, SIZE))
         information = np.broadcast_to(25.0 * np.eye(SIZE), (6, SIZE, SIZE))
         pull = 25.0 * (values + 0.2 * rng.standard_normal((6, SIZE)))
-        days = Belonging(information, pull, np.zeros(6, dtype=np.intp))
+        days = GroupedGaussians(information, pull, np.zeros(6, dtype=np.intp))
         found = course(days, usual, np.zeros(6, dtype=np.intp), np.eye(SIZE))
         assert np.isnan(found.from_past[0])
         assert np.all(found.error <= found.own_error + 1e-12)
@@ -163,6 +163,6 @@ def test_loosened_knowledge_is_that_of_a_sum():
     information = np.einsum("nik,nil->nkl", root, root)
     mean = rng.standard_normal((4, SIZE))
     pull = np.einsum("nkl,nl->nk", information, mean)
-    wide, wide_pull = loosened(information, pull, DAYS**2)
+    wide, wide_pull = with_added_variance(information, pull, DAYS**2)
     assert np.linalg.inv(wide) == pytest.approx(np.linalg.inv(information) + np.diag(DAYS**2))
     assert np.linalg.solve(wide, wide_pull[..., None])[..., 0] == pytest.approx(mean)

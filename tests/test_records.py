@@ -328,7 +328,7 @@ def test_a_folder_that_cannot_be_written(tmp_path):
     recorder.put(booked(recorder.kept, 10.0))
     recorder.close()
     assert len(told) == 1
-    assert "weighing goes on" in told[0]
+    assert "weighing continues" in told[0]
 
 
 def test_a_second_service_is_refused(path):

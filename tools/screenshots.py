@@ -17,9 +17,9 @@ import uvicorn
 from playwright.sync_api import Browser, sync_playwright
 
 from cylforce.commissioning.identification import identify
-from cylforce.display.app import Desk, application
+from cylforce.display.app import PageSources, application
 from cylforce.display.listener import Listener
-from cylforce.display.panel import Known, Loading
+from cylforce.display.panel import Loading, TruckState
 from cylforce.display.picture import Marks, Painter, Picture
 from cylforce.display.stream import Feed
 from cylforce.estimation.segments import gapless
@@ -117,7 +117,7 @@ class Scene:
             self._listener.on_frame(Frame(t_us, 0x700 + self._core.service.node_id, b"\x05"))
         truck, booking = self._state.truck, self._state.estimate.booking
         last = booking.number if booking else 0
-        known = Known(truck.number, truck.total, truck.filled, last, last, truck.product, truck.target, 1, 0)
+        known = TruckState(truck.number, truck.total, truck.filled, last, last, truck.product, truck.target, 1, 0)
         if self._loading.known is None or known.filled != self._loading.known.filled:
             self._loading.update(known)
 
@@ -126,7 +126,7 @@ class Scene:
 def served(picture: Picture) -> Iterator[str]:
     """The page's address; its streams repeat one picture."""
     feeds = Feed(lambda: picture), Feed(lambda: picture)
-    desk: Any = Desk(None, None, *feeds, lambda: START_US)  # type: ignore[arg-type]  # nothing is commanded
+    desk: Any = PageSources(None, None, *feeds, lambda: START_US)  # type: ignore[arg-type]  # nothing is commanded
     listening = socket.create_server(("127.0.0.1", 0))
     server = uvicorn.Server(uvicorn.Config(_renewing(application(desk), feeds), lifespan="off", log_config=None))
     thread = threading.Thread(target=server.run, args=([listening],), daemon=True)

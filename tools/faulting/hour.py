@@ -40,7 +40,7 @@ BEGIN_US = 1_700_000_000_000_000
 PERIOD_US, LATER_US = 10_000, 1_000  # of the steps; after SYNC the sensors answer
 CYCLE_S = 14.0  # a digging cycle takes at least as long
 ROWS = 1_000  # of the work that are made frames at once
-LOG_BYTES, KEPT = 2_000_000, 1000  # of each file of the log, so that many begin in an hour; earlier_files ones
+LOG_BYTES, KEPT = 2_000_000, 1000  # of each file of the log, so that many begin in an hour; older ones
 BEGUN = 1.0 / 6.0  # share of the time after which memory is compared: what is made once has been made
 
 

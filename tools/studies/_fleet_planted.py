@@ -14,8 +14,8 @@ from rich.table import Table
 
 from cylforce.diagnosis.numbers import MASS
 from cylforce.fleet import fleet as module
-from cylforce.fleet.causes import Culprit
-from cylforce.fleet.changes import Altered, Shape, changes
+from cylforce.fleet.causes import Cause
+from cylforce.fleet.changes import MachineChange, Shape, changes
 from cylforce.fleet.fleet import Dated, Fleet, fleet
 from cylforce.fleet.history import History
 from cylforce.mechanics.machine import Machine
@@ -27,7 +27,7 @@ SURE = (0.985, MASS, 0.8, 2.0 / 3.0, 0.5)  # probabilities from which a change i
 TIMES = tuple(2.0 ** (0.5 * k) for k in range(-8, 3))  # of the smallest size that the study draws
 FLEETS = 20_000  # of ten changes each, drawn from those that were planted
 UNITS = {"friction_level_change": (100.0, "%"), "pressure_offset": (1e-5, "bar"), "extra_mass": (1.0, "kg")}
-Judge = Callable[[Altered, Faulty], bool]  # whether what is told is a fault, with its day and its cause
+Judge = Callable[[MachineChange, Faulty], bool]  # whether what is told is a fault, with its day and its cause
 DEGREES = (float(np.degrees(1.0)), "deg")
 
 
@@ -47,14 +47,14 @@ class Field(NamedTuple):
     machine: Machine
     histories: Sequence[History]
     changed: Sequence[tuple[History, Faulty]]
-    found: Sequence[Culprit]
+    found: Sequence[Cause]
 
 
 def field(kind: OfType, truth: Mapping[str, Faulty], recordings: Mapping[str, Sequence[Dated]]) -> Field:
     """Of the machines of a type."""
-    seen: list[tuple[History, Sequence[Culprit]]] = []
+    seen: list[tuple[History, Sequence[Cause]]] = []
 
-    def keeping(history: History, found: Sequence[Culprit]) -> list[Altered]:
+    def keeping(history: History, found: Sequence[Cause]) -> list[MachineChange]:
         seen.append((history, found))
         return changes(history, found)
 
@@ -110,7 +110,7 @@ def _found(of: Field, history: History, fault: Faulty | None, right: Judge, from
     return Planted(fault, tuple(map(bool, each)), tuple(named))
 
 
-def _lasting(altered: Sequence[Altered]) -> list[Altered]:
+def _lasting(altered: Sequence[MachineChange]) -> list[MachineChange]:
     return [a for a in altered if a.shape is not Shape.DAY]
 
 

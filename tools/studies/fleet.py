@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.fleet.changes import Altered, Shape
+from cylforce.fleet.changes import MachineChange, Shape
 from cylforce.programs.fleet.analysis import dated
 from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.run import Wanted, run_fleet
@@ -69,11 +69,11 @@ def _right(change: FleetChange, fault: Faulty) -> bool:
     return _has(change.altered, fault)
 
 
-def _has(altered: Altered, fault: Faulty) -> bool:
+def _has(altered: MachineChange, fault: Faulty) -> bool:
     return any(blame.name in alike(fault) and blame.at == place_of(fault) for blame in altered.causes)
 
 
-def _near_and_has(altered: Altered, fault: Faulty) -> bool:
+def _near_and_has(altered: MachineChange, fault: Faulty) -> bool:
     return abs(altered.first - fault.first) <= 1 and _has(altered, fault)
 
 

@@ -18,7 +18,7 @@ from starlette.staticfiles import StaticFiles
 from cylforce.display.panel import Panel
 from cylforce.display.stream import Feed
 from cylforce.display.tickets import ticket_page
-from cylforce.display.words import ENGLISH, languages, spoken, wanted
+from cylforce.display.words import ENGLISH, languages, page_words, wanted
 from cylforce.files.atomic import RecordingError
 from cylforce.records.export import row_of
 from cylforce.records.labels import set_to_zero
@@ -31,7 +31,7 @@ STATIC = Path(str(files(__package__) / "static"))
 LISTED = 100  # bookings on the history page
 
 
-class Desk(NamedTuple):
+class PageSources(NamedTuple):
     """What the pages need: how to command, where the records are (None: nowhere), the two streams, the clock, the
     language of a browser that wants none of ours, the unit of mass where the address names none."""
 
@@ -47,7 +47,7 @@ class Desk(NamedTuple):
 class Pages:
     """The answers to every request."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: PageSources) -> None:
         self._desk = desk
 
     def routes(self) -> list[Route | Mount]:
@@ -72,7 +72,7 @@ class Pages:
 
     def words(self, request: Request) -> Response:
         """The page's words."""
-        return JSONResponse(spoken(self._language(request), self._unit(request)))
+        return JSONResponse(page_words(self._language(request), self._unit(request)))
 
     def _unit(self, request: Request) -> MassUnit:
         return MASS_UNITS.get(request.query_params.get("unit", ""), MASS_UNITS[self._desk.unit])
@@ -89,7 +89,7 @@ class Pages:
         value = said.get("value")
         if value is not None and (not isinstance(value, int | float) or isnan(value)):
             return JSONResponse({"done": False, "why": "06090030"})
-        outcome = await self._desk.panel.obey(str(said.get("what")), value)
+        outcome = await self._desk.panel.send_command(str(said.get("what")), value)
         return JSONResponse(outcome._asdict())
 
     def history(self, request: Request) -> Response:
@@ -156,6 +156,6 @@ def _total(total: Total) -> dict[str, Any]:
     return {"product": total.name or total.product, "loads": total.loads, "mass_kg": total.mass}
 
 
-def application(desk: Desk) -> Starlette:
+def application(desk: PageSources) -> Starlette:
     """The application, without its guard."""
     return Starlette(routes=Pages(desk).routes())

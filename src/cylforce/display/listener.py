@@ -16,14 +16,14 @@ SECOND_US = 1_000_000
 ZEROED = bytes((0x60, ZERO & 0xFF, ZERO >> 8, 1))  # the SDO answer to a zero that was done
 
 
-class Heard(NamedTuple):
+class ReceivedPdo(NamedTuple):
     """The last data of a PDO, and when it came [us]."""
 
     t_us: int
     data: bytes
 
 
-class NodeHeard(NamedTuple):
+class NodeState(NamedTuple):
     """A node's last NMT state and when it said so [us]."""
 
     state: int
@@ -39,8 +39,8 @@ class Listener:
         self._inputs = self._assembler.begin()
         self._still = self._assembler.still
         self._ours = {pdo.can_id: pdo for pdo in service.publication}
-        self._heard: dict[int, Heard] = {}
-        self.nodes: dict[int, NodeHeard] = {}
+        self._heard: dict[int, ReceivedPdo] = {}
+        self.nodes: dict[int, NodeState] = {}
         self.emergencies: dict[int, int] = {}
         self._traffic: deque[tuple[int, int]] = deque()
         self._bits = 0
@@ -51,13 +51,13 @@ class Listener:
         self._count(frame)
         kind, node = frame.can_id & ~0x7F, frame.can_id & 0x7F
         if frame.can_id in self._ours:
-            self._heard[frame.can_id] = Heard(frame.t_us, frame.data)
+            self._heard[frame.can_id] = ReceivedPdo(frame.t_us, frame.data)
         elif frame.can_id in self._assembler.decoders:
             self._inputs = self._assembler.receive(self._inputs, (frame,), self._still)
         elif frame.can_id == 0x580 + self.service.node_id and frame.data[:4] == ZEROED:
             self.zeroed_us = frame.t_us
         elif kind == 0x700 and len(frame.data) == 1:
-            self.nodes[node] = NodeHeard(frame.data[0] & 0x7F, frame.t_us)
+            self.nodes[node] = NodeState(frame.data[0] & 0x7F, frame.t_us)
         elif kind == 0x080 and node and len(frame.data) >= 2:
             self.emergencies[node] = int.from_bytes(frame.data[:2], "little")
 

@@ -26,7 +26,7 @@ EVERY_S = 1.0
 SOON_S = 0.05  # after a command: the service shows its effect at its next step
 KEPT = 8  # last buckets that are shown; chosen
 KG = commands.KG
-FIELDS = (  # of Known: sub-index, type
+FIELDS = (  # of TruckState: sub-index, type
     (TRUCK, "I"),
     (TOTAL, "i"),
     (COUNT, "I"),
@@ -43,7 +43,7 @@ FIELDS = (  # of Known: sub-index, type
 NOT_KNOWN, NO_ANSWER = "unknown", "no answer"
 
 
-class Known(NamedTuple):
+class TruckState(NamedTuple):
     """The truck as the service has it: number, mass and target [kg], buckets, product; numbers of the last booking, of
     the last one on disk; state of the records; number of the tool; mass in the present part (None: as in the truck),
     number of the part, target of the trailer; the torque residual of the first measured joints [N m], None for none."""
@@ -68,7 +68,7 @@ class Known(NamedTuple):
         return self.total if self.in_part is None else self.in_part
 
 
-class SeenBucket(NamedTuple):
+class ListedBucket(NamedTuple):
     """A bucket that was booked while the display ran: number, mass [kg] that the truck got."""
 
     number: int
@@ -86,16 +86,16 @@ class Loading:
     """What is known of the truck; None before the service has answered, or when it no longer does."""
 
     def __init__(self) -> None:
-        self.known: Known | None = None
-        self.buckets: deque[SeenBucket] = deque(maxlen=KEPT)
+        self.known: TruckState | None = None
+        self.buckets: deque[ListedBucket] = deque(maxlen=KEPT)
 
-    def update(self, known: Known | None) -> None:
+    def update(self, known: TruckState | None) -> None:
         """What was just read. One more bucket in the same truck is remembered with its mass."""
         before, self.known = self.known, known
         if before is None or known is None or known.number != before.number:
             return
         if known.last != before.last and known.filled == before.filled + 1:
-            self.buckets.append(SeenBucket(known.last, known.total - before.total))
+            self.buckets.append(ListedBucket(known.last, known.total - before.total))
 
 
 class Panel:
@@ -117,7 +117,7 @@ class Panel:
             except TimeoutError:
                 continue
 
-    async def read(self) -> Known | None:
+    async def read(self) -> TruckState | None:
         """What the service knows of the truck; None without an answer."""
         try:
             told: list[Any] = [await self._client.read(commands.LOADING, sub, kind) for sub, kind in FIELDS]
@@ -126,13 +126,13 @@ class Panel:
             return None
         masses = ("total", "target", "in_part", "trailer")
         unexplained = tuple(None if torque == not_available("i") else float(torque) for torque in left)
-        known = Known(*told)
+        known = TruckState(*told)
         kg = {name: KG * getattr(known, name) for name in masses}
         return known._replace(unexplained=unexplained, **kg)
 
-    async def obey(self, what: str, value: float | None) -> Reply:
+    async def send_command(self, what: str, value: float | None) -> Reply:
         """Send a command; `value` is its number, None for a command without one."""
-        made = request(what, value)
+        made = command_request(what, value)
         if made is None:
             return Reply(False, NOT_KNOWN)
         try:
@@ -145,7 +145,7 @@ class Panel:
         return Reply(True)
 
 
-def request(what: str, value: float | None) -> tuple[int, int, bytes] | None:
+def command_request(what: str, value: float | None) -> tuple[int, int, bytes] | None:
     """Return index, sub-index and data of a command; None for an unknown command, and for one whose number is missing,
     outside its range or, where it names something, not whole."""
     fixed = {

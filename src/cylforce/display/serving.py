@@ -16,7 +16,7 @@ import uvicorn
 from cylforce.can.bus import Bus
 from cylforce.can.clock import now_us
 from cylforce.canopen.network import Network
-from cylforce.display.app import Desk, application
+from cylforce.display.app import PageSources, application
 from cylforce.display.guard import LOOPBACK, Guard
 from cylforce.display.listener import Listener
 from cylforce.display.panel import Panel
@@ -92,7 +92,9 @@ class Display:
 async def serve_display(served: Served, bus: Bus, listening: socket.socket) -> None:
     """Serve until SIGTERM or SIGINT."""
     display = Display(served, bus)
-    desk = Desk(display.panel, served.records, display.work, display.engineering, now_us, served.language, served.unit)
+    desk = PageSources(
+        display.panel, served.records, display.work, display.engineering, now_us, served.language, served.unit
+    )
     hosts = (*LOOPBACK, served.host, *served.names)
     guarded = Guard(application(desk), hosts, served.pin, now_us)
     config = uvicorn.Config(

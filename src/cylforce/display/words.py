@@ -91,7 +91,7 @@ def catalogue(language: str) -> NullTranslations:
     return translation(DOMAIN, FOLDER, [language], fallback=True)
 
 
-def spoken(language: str, unit: MassUnit = KILOGRAM) -> dict[str, object]:
+def page_words(language: str, unit: MassUnit = KILOGRAM) -> dict[str, object]:
     """All words of a page in a language: texts by their English, reasons and statuses by their codes; the unit of its
     masses."""
     say = catalogue(language).gettext

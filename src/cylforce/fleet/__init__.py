@@ -1,1 +1,1 @@
-"""Many machines: what each recording tells, which machine changed and when, and what is usual for a type."""
+"""Many machines: statistics of each recording, which machine changed and when, and the usual spreads of a type."""

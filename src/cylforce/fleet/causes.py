@@ -1,4 +1,4 @@
-"""What may change in a machine, as directions in which its quantities move together."""
+"""Possible causes of a change in a machine, as directions in which its quantities move together."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,9 +16,9 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
 UNKNOWN = "unknown"
-SIZES = 4  # standard deviations of a size, evenly in its logarithm from the least plausible to the largest
-FRICTIONS = frozenset({CoulombFriction().about.name, FrictionLevelChange().about.name})  # tell of one thing
-BEYOND = (5.0, 25.0)  # times the usual difference from day to day: something that no other direction tells
+SIZES = 4  # prior standard deviations of a size, evenly in its logarithm from the least plausible to the largest
+FRICTIONS = frozenset({CoulombFriction().about.name, FrictionLevelChange().about.name})  # two names of one cause
+BEYOND = (5.0, 25.0)  # prior standard deviations of an unknown cause, times the usual day-to-day spread; chosen
 SINGLE: dict[str, About] = {
     "coulomb": CoulombFriction().about,
     LEVEL: FrictionLevelChange().about,
@@ -27,10 +27,16 @@ SINGLE: dict[str, About] = {
 }
 
 
-class Culprit(NamedTuple):
-    """Something that may change: its `name` in the library of effects and the place `at`; `directions` (K, M), the
-    first of which is its size, in `unit`; `spreads` (G, M): standard deviations of the sizes, one set as probable as
-    the other; a change is none when its size is below `least`."""
+class Cause(NamedTuple):
+    """A possible cause of a change in a machine with K quantities.
+
+    name: name in the library of effects
+    at: place: link, cylinder or sensor
+    unit: unit of its size
+    directions: (K, M) directions in which the quantities move; the first one is that of its size
+    spreads: (G, M) prior standard deviations of the sizes; each of the G sets is as probable as the others
+    least: size below which there is no change
+    """
 
     name: str
     at: str
@@ -40,23 +46,37 @@ class Culprit(NamedTuple):
     least: float
 
 
-def culprits(machine: Machine, known: Sequence[Coordinate], days: Array) -> tuple[Culprit, ...]:
-    """All that may change in a machine whose quantities `known` (K,) differ by `days` (K,) from day to day."""
-    found = []
+def possible_causes(machine: Machine, known: Sequence[Coordinate], days: Array) -> tuple[Cause, ...]:
+    """Return all possible causes of a change in a machine.
+
+    known: (K,) its quantities
+    days: (K,) usual day-to-day spread of each
+    """
+    causes = []
     for k, c in enumerate(known):
         unit = np.eye(len(known))[k]
         if c.quantity in SINGLE:
             about = SINGLE[c.quantity]
             spreads = np.geomspace(about.low, about.high, SIZES)[:, None]
-            found.append(Culprit(about.name, c.at, c.unit, unit[:, None], spreads, about.low))
+            causes.append(
+                Cause(
+                    name=about.name,
+                    at=c.at,
+                    unit=c.unit,
+                    directions=unit[:, None],
+                    spreads=spreads,
+                    least=about.low,
+                )
+            )
         elif c.quantity == CARRIED:
-            found.append(_mass(machine, c, unit))
+            causes.append(_mass(machine, c, unit))
     factors = np.array(BEYOND)[:, None] * days
-    return (*found, Culprit(UNKNOWN, "", "", np.eye(len(known)), factors, 0.0))
+    unknown = Cause(name=UNKNOWN, at="", unit="", directions=np.eye(len(known)), spreads=factors, least=0.0)
+    return (*causes, unknown)
 
 
-def _mass(machine: Machine, carried: Coordinate, unit: Array) -> Culprit:
-    """A mass anywhere along a link, on it rather than far above it."""
+def _mass(machine: Machine, carried: Coordinate, unit: Array) -> Cause:
+    """Return a mass anywhere along a link, on it rather than far above it, as a cause."""
     effect, about = ExtraMass(), ExtraMass().about
     link = next(j for j in machine.rows if machine.links[j].name == carried.at)
     moments = np.zeros((len(unit), len(effect.typical)))
@@ -65,4 +85,6 @@ def _mass(machine: Machine, carried: Coordinate, unit: Array) -> Culprit:
     arms = np.array([1.0, along, across, along**2])
     spreads = np.geomspace(about.low, about.high, SIZES)[:, None] * arms
     directions = np.column_stack([unit, moments[:, 1:]])
-    return Culprit(about.name, carried.at, about.unit, directions, spreads, about.low)
+    return Cause(
+        name=about.name, at=carried.at, unit=about.unit, directions=directions, spreads=spreads, least=about.low
+    )

@@ -1,5 +1,7 @@
-"""What is followed over a machine's recordings: the parameters of its model, the zeros of its pressure sensors, and the
-offsets of its angle sensors."""
+"""The quantities that are followed over a machine's recordings.
+
+They are the parameters of its model, the zeros of its pressure sensors, and the offsets of its angle sensors.
+"""
 
 from typing import NamedTuple
 
@@ -21,17 +23,22 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-DIRECTIONAL = "directional"  # friction that looks like a pressure's zero, which takes its place
+DIRECTIONAL = "directional"  # friction law that cannot be distinguished from a pressure's zero, which replaces it
 ZERO, OFFSET = "pressure_zero", "angle_offset"
 LEVEL, CARRIED = "friction_level", "carried_mass"
-RUBBING = ("coulomb", "viscous", "stribeck")  # what one factor changes in a cylinder
-NEVER = 1e-4  # of what is zero by definition: small against every daily difference
-TYPICAL_FRICTION = 1.5e5  # Pa on the head side: dry friction of a cylinder, from which its daily share is reckoned
+RUBBING = ("coulomb", "viscous", "stribeck")  # laws of a cylinder that one factor changes together
+NEVER = 1e-4  # prior standard deviation of what is zero by definition: small against every daily difference
+TYPICAL_FRICTION = 1.5e5  # Pa on the head side, dry friction of a cylinder, for its day-to-day spread; chosen
 
 
 class Coordinate(NamedTuple):
-    """A quantity that is followed: `name` PLACE.QUANTITY, `unit`; standard deviations before any recording: `constant`
-    of what a machine always has beyond its data sheet, `daily` of what differs from day to day."""
+    """A quantity that is followed.
+
+    name: PLACE.QUANTITY
+    unit: its unit
+    constant: prior standard deviation of a machine's constant difference from its data sheet
+    daily: prior standard deviation of the difference from day to day
+    """
 
     name: str
     unit: str
@@ -40,26 +47,32 @@ class Coordinate(NamedTuple):
 
     @property
     def at(self) -> str:
-        """Where: a link, a cylinder, or a sensor."""
+        """Return the place: a link, a cylinder, or a sensor."""
         return self.name.partition(".")[0]
 
     @property
     def quantity(self) -> str:
-        """What is there."""
+        """Return the quantity without its place."""
         return self.name.rpartition(".")[2]
 
 
 def followed_model(service: Service) -> Model:
-    """The model of which the parameters are followed: with all friction laws that the machine file allows, whichever a
-    single recording would choose, so that all recordings have the same parameters."""
+    """Return the model whose parameters are followed.
+
+    It has all friction laws that the machine file allows, whichever a single recording would choose, so that all
+    recordings have the same parameters.
+    """
     laws = tuple(law for law in FRICTION if law in service.effects and law != DIRECTIONAL)
     return Model(service.machine, service.filters, laws)
 
 
 def sensor_errors(machine: Machine) -> tuple[Proposal, ...]:
-    """One zero for each cylinder that has a pressure sensor (both sides' zeros look alike), then every angle."""
-    own = proposals(machine, ((PressureOffset(),),))
-    first = {machine.signals[p.where].index: p for p in reversed(own) if machine.signals[p.where].kind in _PRESSURES}
+    """Return one zero for each cylinder with a pressure sensor, then the offset of every angle.
+
+    The zeros of both sides of a cylinder cannot be distinguished.
+    """
+    zeros = proposals(machine, ((PressureOffset(),),))
+    first = {machine.signals[p.where].index: p for p in reversed(zeros) if machine.signals[p.where].kind in _PRESSURES}
     return (*(first[c] for c in sorted(first)), *proposals(machine, ((AngleOffset(),),)))
 
 
@@ -67,16 +80,17 @@ _PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
 
 
 def coordinates(model: Model) -> tuple[Coordinate, ...]:
-    """All that is followed (K,), in the order of the columns of `evidence`."""
+    """Return all quantities (K,) that are followed, in the order of the columns of `evidence`."""
     spread, areas = np.sqrt(np.diag(model.prior.covariance)), {c.name: c.area_head for c in model.machine.cylinders}
-    found = [
+    parameters = [
         Coordinate(p.name, p.unit, float(s), _daily(model, p.name, areas))
         for p, s in zip(model.parameters, spread, strict=True)
     ]
-    return (*found, *(_of_sensor(model.machine, p) for p in sensor_errors(model.machine)))
+    return (*parameters, *(_of_sensor(model.machine, p) for p in sensor_errors(model.machine)))
 
 
 def _of_sensor(machine: Machine, p: Proposal) -> Coordinate:
+    """Return the quantity of a sensor's zero or offset."""
     if p.name == AngleOffset().about.name:
         return Coordinate(f"{p.at}.{OFFSET}", p.about.unit.split()[0], p.about.high, USUALLY * p.about.low)
     cylinder = machine.cylinders[machine.signals[p.where].index]
@@ -84,7 +98,7 @@ def _of_sensor(machine: Machine, p: Proposal) -> Coordinate:
 
 
 def _daily(model: Model, name: str, areas: dict[str, float]) -> float:
-    """What the diagnosis takes for an everyday difference of a parameter before a fleet shows it."""
+    """Return the day-to-day spread of a parameter before any recording, as the diagnosis assumes it."""
     at, _, symbol = name.rpartition(".")
     moment = USUALLY * FirstMomentChange().about.low
     if symbol in ("coulomb", "viscous"):
@@ -99,8 +113,11 @@ def _daily(model: Model, name: str, areas: dict[str, float]) -> float:
 
 
 def joint_coordinates(model: Model) -> tuple[Coordinate, ...]:
-    """What moves several of the quantities together from day to day (L,): all friction of a cylinder, with its
-    temperature, and a mass on a link, such as dirt. A machine has none of it lastingly: the quantities contain it."""
+    """Return what moves several quantities together from day to day (L,).
+
+    These are all friction of a cylinder, with its temperature, and a mass on a link, such as dirt. Their constant part
+    is zero: the quantities contain it.
+    """
     level, mass = FrictionLevelChange().about, ExtraMass().about
     frictions = [Coordinate(f"{c.name}.{LEVEL}", level.unit, NEVER, EXPECTED.friction) for c in model.machine.cylinders]
     names = [model.machine.links[j].name for j in model.machine.rows]
@@ -108,21 +125,24 @@ def joint_coordinates(model: Model) -> tuple[Coordinate, ...]:
     return (*frictions, *masses)
 
 
-def joint_directions(model: Model, own: Array) -> Array:
-    """(K, L): by how much these move each quantity of a machine whose own quantities are `own` (K,)."""
+def joint_directions(model: Model, values: Array) -> Array:
+    """Return the change (K, L) of each quantity of a machine by these.
+
+    values: (K,) the machine's quantities
+    """
     machine, place = model.machine, {p.name: k for k, p in enumerate(model.parameters)}
-    found = np.zeros((len(own), len(machine.cylinders) + len(machine.rows)))
+    directions = np.zeros((len(values), len(machine.cylinders) + len(machine.rows)))
     for k, cylinder in enumerate(machine.cylinders):
         rubbing = [place[n] for law in RUBBING if (n := f"{cylinder.name}.{law}") in place]
-        found[rubbing, k] = np.maximum(own[rubbing], 0.0)
+        directions[rubbing, k] = np.maximum(values[rubbing], 0.0)
     for k, j in enumerate(machine.rows, len(machine.cylinders)):
-        found[: 3 * machine.size, k] = ExtraMass().change(machine, j)[:, 0]
-    return found
+        directions[: 3 * machine.size, k] = ExtraMass().change(machine, j)[:, 0]
+    return directions
 
 
-SPEED = 0.3  # m/s, at which viscous friction is as large as the dry one
+SPEED = 0.3  # m/s, speed at which viscous friction is assumed as large as the dry one; chosen
 
 
 def data_sheet(model: Model) -> Array:
-    """What the machine file says of each quantity (K,)."""
+    """Return the value of each quantity (K,) by the machine file."""
     return np.concatenate([model.prior.mean, np.zeros(len(coordinates(model)) - len(model.parameters))])

@@ -1,5 +1,7 @@
-"""What one recording tells of its machine, as the statistics of a linear problem: whatever is asked later, of this
-recording alone or of a machine's years, the recording need not be read again."""
+"""Statistics of one recording as those of a linear problem.
+
+Whatever is computed later, of this recording alone or of a machine's years, the recording need not be read again.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,17 +21,21 @@ from cylforce.estimation.priors.prior import Prior
 from cylforce.fleet.coordinates import coordinates, data_sheet, sensor_errors
 from cylforce.signals.estimate import Array
 
-BLOCK_S = 2.0  # as in an identification
-PART_S = 60.0  # a part, so that what differs within a day is seen
-MOST_PARTS = 4  # of a recording: it bounds what is kept of it
-MOST_BLOCKS = 1024  # half an hour; neighbours are merged beyond
+BLOCK_S = 2.0  # s in a block, as in an identification
+PART_S = 60.0  # s in a part, so that differences within a day appear; chosen
+MOST_PARTS = 4  # parts of a recording at most: it bounds what is stored of it; chosen
+MOST_BLOCKS = 1024  # blocks, half an hour; beyond, neighbours are merged; chosen
 
 
 class Evidence(NamedTuple):
-    """Statistics of one recording with K quantities (see `coordinates`): `parts` (S, K+1, K+1), of each part the
-    products of the columns and the torque, in units of their noise; `joints` (R, K+1, K+1) [N^2 m^2], the same of each
-    joint and the whole recording, of `samples` (R,); `misfit`: share of the torque that nothing explains; `seconds` of
-    motion."""
+    """Statistics of one recording with K quantities (see `coordinates`).
+
+    parts: (S, K+1, K+1) of each part the products of the columns and the torque, in units of their noise
+    joints: (R, K+1, K+1) the same of each joint and the whole recording [N^2 m^2]
+    samples: (R,) number of samples of each joint
+    misfit: share of the torque that remains unexplained
+    seconds: time of motion [s]
+    """
 
     parts: Array
     joints: Array
@@ -39,28 +45,31 @@ class Evidence(NamedTuple):
 
     @property
     def size(self) -> int:
-        """K."""
+        """Return the number of quantities K."""
         return int(self.parts.shape[-1]) - 1
 
     @property
     def information(self) -> Array:
-        """(S, K, K)"""
+        """Return the information (S, K, K) of each part."""
         return self.parts[:, :-1, :-1]
 
     @property
     def pull(self) -> Array:
-        """(S, K): information times what the part alone would find."""
+        """Return the pull (S, K): information times the value that the part alone would give."""
         return self.parts[:, :-1, -1]
 
     @property
     def at_work(self) -> bool:
-        """Whether loads or forces at the teeth are in the torque: then even the best parameters leave more of it than
-        a machine with a wrong sensor does."""
+        """Return whether loads or forces at the teeth are in the torque.
+
+        Then even the best parameters leave more of it unexplained than a machine with a wrong sensor does.
+        """
         return self.misfit > MISFIT
 
-    def left(self, values: Array) -> Array:
-        """Torque [N m] that each of several values (W, K) leaves at each joint, rms (R, W); NaN at one that never
-        moved."""
+    def residual(self, values: Array) -> Array:
+        """Return the rms residual torque (R, W) [N m] of several values (W, K) at each joint; NaN at one that never
+        moved.
+        """
         with_torque = np.column_stack([values, np.full(len(values), -1.0)]).T
         squares = np.sum(with_torque * (self.joints @ with_torque), axis=1)
         count = np.where(self.samples > 0, self.samples, np.nan)
@@ -68,8 +77,10 @@ class Evidence(NamedTuple):
 
 
 def evidence(model: Model, recorded: Sequence[Recorded]) -> Evidence:
-    """The statistics of a recording's gapless stretches, taken for such of the empty machine (if `at_work`, they tell
-    nothing of it). Raises ValueError, in a sentence, where nothing moves."""
+    """Return the statistics of a recording's gapless stretches, as those of the empty machine.
+
+    A recording `at_work` gives no information about the machine. Raises ValueError, in a sentence, where nothing moves.
+    """
     first = _factors(Viewer(model, model.prior.mean), recorded, ())
     tares = least_squares(first, row_noise(first, model.prior), model.prior).values
     data = _factors(Viewer(model, tares), recorded, sensor_errors(model.machine))
@@ -82,11 +93,17 @@ def evidence(model: Model, recorded: Sequence[Recorded]) -> Evidence:
     joints = [_squared(stacked_triangle(of_row(data, r), fit.trust[:, [r]])) for r in range(weight.shape[1])]
     samples = np.sum(data.samples * fit.trust**2, axis=0)
     seconds = float(np.max(np.sum(data.samples, axis=0)) / RATE_HZ)
-    return Evidence(np.array(parts), np.array(joints), samples, misfit(data, fit.row_error), seconds)
+    return Evidence(
+        parts=np.array(parts),
+        joints=np.array(joints),
+        samples=samples,
+        misfit=misfit(data, fit.row_error),
+        seconds=seconds,
+    )
 
 
 def prior_of(model: Model) -> Prior:
-    """What the data sheet tells of all that is followed."""
+    """Return the prior of all followed quantities from the data sheet."""
     size, spread = len(model.parameters), np.array([c.constant for c in coordinates(model)])
     covariance = np.diag(spread**2)
     covariance[:size, :size] = model.prior.covariance
@@ -94,27 +111,31 @@ def prior_of(model: Model) -> Prior:
 
 
 def _parts(blocks: int) -> int:
+    """Return the number of parts of a recording."""
     return int(np.clip(blocks * BLOCK_S / PART_S, 1, MOST_PARTS))
 
 
 def _some(data: Factors, blocks: NDArray[np.intp]) -> Factors:
+    """Return some of the blocks."""
     return Factors(*(part[blocks] for part in data))
 
 
 def _squared(triangle: Array) -> Array:
+    """Return R'R of a triangular factor."""
     return np.asarray(triangle.T @ triangle)
 
 
 def _factors(viewer: Viewer, recorded: Sequence[Recorded], wanted: Sequence[Proposal]) -> Factors:
-    """The recording in blocks of BLOCK_S."""
-    parts = [_blocked(viewer, viewer.rows(each, wanted)) for each in recorded]
+    """Return the factors of the recording in blocks of BLOCK_S. Raises ValueError where nothing moves."""
+    parts = [_blocked(viewer, viewer.rows(stretch, wanted)) for stretch in recorded]
     data = joined(parts, MOST_BLOCKS)
     if not np.any(data.samples):
-        raise ValueError("no cylinder moves: nothing is told of the machine")
+        raise ValueError("no cylinder moves, so that the recording shows nothing of the machine")
     return data
 
 
 def _blocked(viewer: Viewer, rows: GapRows) -> Factors:
+    """Return the factors of one stretch."""
     columns = np.concatenate([rows.base, rows.effects], axis=-1, dtype=np.float64)
     torque = rows.left + rows.base @ viewer.tares
     return factors(columns, torque, np.zeros_like(torque), round(BLOCK_S * RATE_HZ))

@@ -1,5 +1,6 @@
-"""A machine's recordings, as far as they tell of changes: all that it always has, and what differs from day to day, is
-integrated out."""
+"""A machine's recordings as the evidence of changes: its constant values and the day-to-day differences are integrated
+out.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,10 +12,15 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True)
 class History:
-    """A machine's n recordings at times `t` (n,) [d]: `information` (n, K, K) and `pull` (n, K) about what it always
-    has (the differences of days are in them), of which N(`mean`, `spread`^2) is known beforehand; what changed already:
-    courses (n,), each with its directions (K, M) and the
-    standard deviations (M,) of its sizes beforehand."""
+    """A machine's n recordings with K quantities.
+
+    t: (n,) times [d]
+    information: (n, K, K) information of each recording about the machine's constant values, day-to-day differences
+        included
+    pull: (n, K) information times the value that the recording alone would give
+    mean, spread: (K,) mean and standard deviation of the constant values before any recording
+    courses: changes that are known already, each as course (n,), directions (K, M) and prior standard deviations (M,)
+    """
 
     t: Array
     information: Array
@@ -25,46 +31,47 @@ class History:
 
     @cached_property
     def size(self) -> int:
-        """K."""
+        """Return the number of quantities K."""
         return int(self.pull.shape[1])
 
     @cached_property
     def _designs(self) -> Array:
-        """(n, K, Z): what a recording has of what is common to all, and of the changes that are known."""
+        """Return the design (n, K, Z) of each recording: columns of the constant values, then of the known changes."""
         parts = [np.broadcast_to(np.eye(self.size), (len(self.t), self.size, self.size))]
         parts += [course[:, None, None] * directions for course, directions, _ in self.courses]
         return np.concatenate(parts, axis=-1)
 
     @cached_property
     def _common(self) -> tuple[Array, Array]:
-        """Inverse information (Z, Z) and pull (Z,) about those."""
+        """Return the inverse information (Z, Z) and the pull (Z,) about constant values and known changes."""
         designs = self._designs
         information = np.sum(np.swapaxes(designs, 1, 2) @ self.information @ designs, axis=0)
         pull = np.einsum("nkz,nk->z", designs, self.pull)
-        own = np.concatenate([self.spread, *(spread for *_, spread in self.courses)]) ** -2.0
-        pull[: self.size] += own[: self.size] * self.mean
-        return np.linalg.inv(information + np.diag(own)), pull
+        prior = np.concatenate([self.spread, *(spread for course, directions, spread in self.courses)]) ** -2.0
+        pull[: self.size] += prior[: self.size] * self.mean
+        return np.linalg.inv(information + np.diag(prior)), pull
 
     @property
     def always(self) -> Array:
-        """What the machine always had (K,), changes apart."""
+        """Return the machine's constant values (K,), changes apart."""
         inverse, pull = self._common
         return np.asarray((inverse @ pull)[: self.size])
 
-    def told(self, course: Array) -> tuple[Array, Array]:
-        """Information (H, K, K) and pull (H, K) about what follows each `course` (H, n)."""
+    def evidence_of(self, course: Array) -> tuple[Array, Array]:
+        """Return information (H, K, K) and pull (H, K) about what follows each course (H, n)."""
         inverse, pull = self._common
-        weighed = np.swapaxes(self._designs, 1, 2) @ self.information
-        with_common = np.tensordot(course, weighed, 1)
-        alone = np.tensordot(course**2, self.information, 1)
-        own = course @ self.pull
+        weighted = np.swapaxes(self._designs, 1, 2) @ self.information
+        cross = np.tensordot(course, weighted, 1)
+        course_information = np.tensordot(course**2, self.information, 1)
+        course_pull = course @ self.pull
+        # Schur complement: the constant values and known changes are integrated out
         return (
-            alone - np.swapaxes(with_common, 1, 2) @ (inverse @ with_common),
-            own - np.einsum("hzl,z->hl", with_common, inverse @ pull),
+            course_information - np.swapaxes(cross, 1, 2) @ (inverse @ cross),
+            course_pull - np.einsum("hzl,z->hl", cross, inverse @ pull),
         )
 
     def without(self, k: int) -> "History":
-        """The same, recording k telling nothing."""
+        """Return the history without the information of recording k."""
         information, pull = self.information.copy(), self.pull.copy()
         information[k], pull[k] = 0.0, 0.0
         return replace(self, information=information, pull=pull)

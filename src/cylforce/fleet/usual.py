@@ -1,31 +1,37 @@
-"""What is usual for a type of machine: by how much machines in order differ from each other, each from day to day, and
-within a day.
+"""Learn the usual spreads of a type: how much healthy machines differ from each other, from day to day, and within a
+day.
 
-A quantity of a machine is m + b, on a day m + b + d, in a minute of it m + b + d + w, with b, d and w normal of
-variances that are to be found for each quantity: by expectation maximisation (Dempster, Laird, Rubin 1977), level by
-level, from the innermost on. What is stated beforehand counts as much as PRIOR_COUNT things that were seen. With it the
-rounds are those of MacKay (1992), which lead to the same variances in a third of the time; without it they could run
-to zero."""
+A quantity of a machine is m + b, on a day m + b + d, in a minute of it m + b + d + w, with b, d and w normal. Their
+variances are estimated for each quantity by expectation maximisation (Dempster, Laird, Rubin 1977), level by level,
+from the innermost on. The stated prior counts as much as PRIOR_COUNT observations. With it the rounds are those of
+MacKay (1992), which lead to the same variances in a third of the time; without it they could run to zero.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.fleet.gaussians import Belonging, Beside, in_turn, loosened, pieces, solved
+from cylforce.fleet.gaussians import GroupedGaussians, ParallelMap, pieces, sequential_map, solved, with_added_variance
 from cylforce.signals.estimate import Array
 
-PRIOR_COUNT = 4.0  # things seen, to which the stated spread amounts; chosen: three machines change it, one hardly does
-ROUNDS = 40  # at most
-FEWEST = 3  # machines, up to which their spread is the stated one
-SETTLED = 0.01  # relative change of a standard deviation, below which it ends
-MOST = 320  # things of a level from which its spread is told, evenly taken: then it is known to some four per cent
-WITHIN = 1.0 / 3.0  # of what differs from day to day, before anything is seen; chosen
+PRIOR_COUNT = 4.0  # observations that the stated spread counts as; chosen: three machines change it, one hardly does
+ROUNDS = 40  # rounds at most; chosen
+FEWEST = 3  # machines up to which their spread is the stated one: its variance needs N - 3 > 0
+SETTLED = 0.01  # relative change of a standard deviation at which the rounds end; chosen
+MOST = 320  # members of a level from which its spread is estimated, evenly taken: then its error is some 4 %
+WITHIN = 1.0 / 3.0  # spread within a day before any recording, times the day-to-day spread; chosen
 
 
 class Usual(NamedTuple):
-    """Of a type's quantities (K,): `mean` over machines, standard deviations `between` machines, `days` and `within` a
-    day; how many `machines`, `recordings` and minutes (`parts`) told it."""
+    """Usual values and spreads of a type's K quantities.
+
+    mean: (K,) mean over machines
+    between: (K,) standard deviation between machines
+    days: (K,) standard deviation from day to day
+    within: (K,) standard deviation within a day
+    machines, recordings, parts: numbers of machines, recordings and minutes from which they were estimated
+    """
 
     mean: Array
     between: Array
@@ -37,13 +43,17 @@ class Usual(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The minutes of a type's recordings, which belong to recordings, and the recordings' machines (N,)."""
+    """The levels of a type's recordings.
 
-    parts: Belonging
+    parts: minutes, grouped by recording
+    machine: (N,) number of each recording's machine
+    """
+
+    parts: GroupedGaussians
     machine: NDArray[np.intp]
 
     def chosen(self, which: NDArray[np.intp]) -> "Levels":
-        """Those recordings alone; machines are counted anew."""
+        """Return the chosen recordings only; machines are numbered anew."""
         place = np.full(len(self.machine), -1, dtype=np.intp)
         place[which] = np.arange(len(which))
         kept = np.flatnonzero(place[self.parts.group] >= 0)
@@ -52,92 +62,127 @@ class Levels(NamedTuple):
         return Levels(parts._replace(group=place[parts.group]), machine)
 
 
-def stated(mean: Array, constant: Array, daily: Array) -> Usual:
-    """What is stated beforehand: see `Coordinate`."""
-    return Usual(mean, constant, daily, WITHIN * daily)
+def prior_usual(mean: Array, constant: Array, daily: Array) -> Usual:
+    """Return the stated spreads before any recording, see `Coordinate`."""
+    return Usual(mean=mean, between=constant, days=daily, within=WITHIN * daily)
 
 
-def learnt(
+def learn_usual(
     levels: Levels,
     before: Usual,
     start: Usual | None = None,
-    in_order: NDArray[np.intp] | None = None,
-    beside: Beside = in_turn,
-) -> tuple[Usual, Belonging]:
-    """The usual spread, from the stated one `before`, and what each recording (N,) tells of its day with it, which
-    belong to machines. `in_order`: numbers of the recordings that tell the spread, by default all; `start`: what it was
-    before the others were left out. `beside`: who does what can be done at the same time."""
+    healthy: NDArray[np.intp] | None = None,
+    parallel_map: ParallelMap = sequential_map,
+) -> tuple[Usual, GroupedGaussians]:
+    """Estimate the usual spreads; return them, and the information of each recording (N,) about its day, grouped by
+    machine.
+
+    before: stated spreads
+    start: spreads of the round before; None: the stated ones
+    healthy: numbers of the healthy recordings, from which the spreads are estimated; None: all
+    parallel_map: maps a function, perhaps in parallel
+    """
     start = start or before
     flat = (before.mean, before.between)
-    few = levels if in_order is None else levels.chosen(in_order)
-    within = _spread(few.parts, flat, before.within, start.within, beside)
-    every_day = Belonging(*_loosened(levels.parts, within, beside).summed(), levels.machine)
-    days = every_day if in_order is None else every_day.chosen(in_order)._replace(group=few.machine)
-    daily = _spread(days, flat, before.days, start.days, beside)
-    machines = Belonging(*_loosened(days, daily, beside).summed(), np.zeros(days.groups, dtype=np.intp))
-    between = _spread(machines, (before.mean, 10.0 * before.between), None, start.between, beside)
+    few = levels if healthy is None else levels.chosen(healthy)
+    within = _spread(few.parts, flat, before.within, start.within, parallel_map)
+    every_day = GroupedGaussians(*_with_spread(levels.parts, within, parallel_map).summed(), levels.machine)
+    days = every_day if healthy is None else every_day.chosen(healthy)._replace(group=few.machine)
+    daily = _spread(days, flat, before.days, start.days, parallel_map)
+    machines = GroupedGaussians(*_with_spread(days, daily, parallel_map).summed(), np.zeros(days.groups, dtype=np.intp))
+    between = _spread(machines, (before.mean, 10.0 * before.between), None, start.between, parallel_map)
     mean = _mean(machines, between, before)
-    return Usual(mean, between, daily, within, days.groups, len(days.group), len(few.parts.group)), every_day
+    usual = Usual(
+        mean=mean,
+        between=between,
+        days=daily,
+        within=within,
+        machines=days.groups,
+        recordings=len(days.group),
+        parts=len(few.parts.group),
+    )
+    return usual, every_day
 
 
-def _loosened(each: Belonging, spread: Array, beside: Beside) -> Belonging:
-    return Belonging(*loosened(each.information, each.pull, spread**2, beside), each.group)
+def _with_spread(members: GroupedGaussians, spread: Array, parallel_map: ParallelMap) -> GroupedGaussians:
+    """Return the members' information about their group's common value, from which they differ by `spread` (K,)."""
+    information, pull = with_added_variance(members.information, members.pull, spread**2, parallel_map)
+    return members._replace(information=information, pull=pull)
 
 
-def _mean(machines: Belonging, between: Array, before: Usual) -> Array:
-    """Of all machines, with the data sheet as one more."""
-    information, pull = loosened(machines.information, machines.pull, between**2)
-    own = before.between**-2.0
-    return np.asarray(np.linalg.solve(information.sum(axis=0) + np.diag(own), pull.sum(axis=0) + own * before.mean))
+def _mean(machines: GroupedGaussians, between: Array, before: Usual) -> Array:
+    """Return the mean (K,) over all machines, with the data sheet as one more machine."""
+    information, pull = with_added_variance(machines.information, machines.pull, between**2)
+    sheet = before.between**-2.0
+    total = information.sum(axis=0) + np.diag(sheet)
+    return np.asarray(np.linalg.solve(total, pull.sum(axis=0) + sheet * before.mean))
 
 
-def _spread(each: Belonging, flat: tuple[Array, Array], before: Array | None, start: Array, beside: Beside) -> Array:
-    """Standard deviations (K,) of the things of a group about what they have in common, of which N(flat) is all that is
-    known. Without `before` nothing is known of their order of magnitude either: the mean of a variance of which N
-    normal things are seen is then their squares over N - 3."""
-    few = _evenly(each)
+def _spread(
+    members: GroupedGaussians, flat: tuple[Array, Array], before: Array | None, start: Array, parallel_map: ParallelMap
+) -> Array:
+    """Return the standard deviations (K,) of the members of groups about their group's common value.
+
+    members: the members, grouped
+    flat: prior mean and standard deviation (K,) of the common values
+    before: stated standard deviations (K,); None: not even their order of magnitude is known, then the mean of the
+        variance of N normal members is the sum of their squares over N - 3
+    start: standard deviations of the round before (K,)
+    parallel_map: maps a function, perhaps in parallel
+    """
+    few = _evenly(members)
     count = float(len(few.group))
     if few.groups == count or (before is None and count <= FEWEST):
         return start
     variance = start**2
     for _ in range(ROUNDS):
-        middle, left = _deviations(few, flat, variance, beside)
+        middle, uncertainty = _deviations(few, flat, variance, parallel_map)
         if before is None:
-            found = np.sum(middle**2 + left, axis=0) / count
+            updated = np.sum(middle**2 + uncertainty, axis=0) / count
         else:
-            seen = np.sum(1.0 - left / variance, axis=0)  # so many of the deviations, as far as they are known
-            found = (PRIOR_COUNT * before**2 + np.sum(middle**2, axis=0)) / (PRIOR_COUNT + seen)
-        settled = np.max(np.abs(np.log(found / variance))) < 2.0 * SETTLED
-        variance = found
+            count_determined = np.sum(
+                1.0 - uncertainty / variance, axis=0
+            )  # effective number of determined deviations (MacKay)
+            updated = (PRIOR_COUNT * before**2 + np.sum(middle**2, axis=0)) / (PRIOR_COUNT + count_determined)
+        settled = np.max(np.abs(np.log(updated / variance))) < 2.0 * SETTLED
+        variance = updated
         if settled:
             break
     return np.asarray(np.sqrt(variance * (1.0 if before is not None else count / (count - 3.0))))
 
 
-def _evenly(each: Belonging) -> Belonging:
-    """Whole groups, evenly taken, with MOST things in all."""
-    step = -(-len(each.group) // MOST)
-    kept = np.flatnonzero(each.group % step == 0)
-    few = each.chosen(kept)
+def _evenly(members: GroupedGaussians) -> GroupedGaussians:
+    """Return whole groups, evenly taken, with some MOST members in all."""
+    step = -(-len(members.group) // MOST)
+    kept = np.flatnonzero(members.group % step == 0)
+    few = members.chosen(kept)
     return few._replace(group=np.unique(few.group, return_inverse=True)[1])
 
 
-def _deviations(each: Belonging, flat: tuple[Array, Array], variance: Array, beside: Beside) -> tuple[Array, Array]:
-    """Means and variances (N, K) of the deviation d of each thing from what its group has in common, c. With
-    information L and pull l about c, d = V (l - L c), leaving V - V L V of its variance V; c itself is known to the
-    covariance C by all."""
+def _deviations(
+    members: GroupedGaussians, flat: tuple[Array, Array], variance: Array, parallel_map: ParallelMap
+) -> tuple[Array, Array]:
+    """Return means and variances (N, K) of the deviation d of members member from its group's common value c.
+
+    With information L and pull l of a member about c, d = V (l - L c), with the posterior variance V - V L V; c itself
+    has the covariance C.
+
+    flat: prior mean and standard deviation (K,) of c
+    variance: V (K,)
+    """
     mean, spread = flat
-    information, pull = loosened(each.information, each.pull, variance, beside)
-    common, common_pull = Belonging(information, pull, each.group).summed()
+    information, pull = with_added_variance(members.information, members.pull, variance, parallel_map)
+    common, common_pull = GroupedGaussians(information, pull, members.group).summed()
     known = np.diag(spread**-2.0)
     centre, covariance = solved(common + known, common_pull + known @ mean)
-    middle = variance * (pull - (information @ centre[each.group][..., None])[..., 0])
+    middle = variance * (pull - (information @ centre[members.group][..., None])[..., 0])
     by_centre = np.empty_like(pull)
 
-    def weigh(some: slice) -> None:
-        weighed = information[some] @ covariance[each.group[some]]
-        by_centre[some] = np.einsum("nkl,nkl->nk", weighed, information[some])
+    def project(some: slice) -> None:
+        """Set diag(L C L) of some members."""
+        projected = information[some] @ covariance[members.group[some]]
+        by_centre[some] = np.einsum("nkl,nkl->nk", projected, information[some])
 
-    beside(weigh, pieces(len(pull)))
-    left = variance - variance**2 * (np.einsum("nkk->nk", information) - by_centre)
-    return middle, np.asarray(left)
+    parallel_map(project, pieces(len(pull)))
+    uncertainty = variance - variance**2 * (np.einsum("nkk->nk", information) - by_centre)
+    return middle, np.asarray(uncertainty)

@@ -6,7 +6,7 @@ from pathlib import Path
 from cylforce.can.bus import Bus
 from cylforce.can.opening import open_shared_bus
 from cylforce.canopen.network import Network
-from cylforce.display.panel import NO_ANSWER, Known, Panel, Reply
+from cylforce.display.panel import NO_ANSWER, Panel, Reply, TruckState
 from cylforce.display.words import REFUSALS
 from cylforce.programs.common.machine_file import load_machine
 from cylforce.signals.units import KILOGRAM, MassUnit
@@ -52,18 +52,18 @@ def number_of(order: str, value: str | None, tools: tuple[str, ...]) -> float | 
         raise ValueError(f"{order} {value}: is no number") from None
 
 
-async def ordered(bus: Bus, node_id: int, order: str, number: float) -> tuple[Reply, Known | None]:
+async def ordered(bus: Bus, node_id: int, order: str, number: float) -> tuple[Reply, TruckState | None]:
     """The service's answer to an order, and the truck afterwards."""
     network = Network(bus.send)
     bus.attach(asyncio.get_running_loop(), network.on_frame)
     panel = Panel(network, node_id)
-    reply = Reply(True) if order == SHOW else await panel.obey(order, number)
+    reply = Reply(True) if order == SHOW else await panel.send_command(order, number)
     await asyncio.sleep(0.1)  # the service shows the effect at its next step
     known = await panel.read() if reply.done else None
     return (reply, known) if known or not reply.done else (Reply(False, NO_ANSWER), None)
 
 
-def told(known: Known | None, tools: tuple[str, ...], unit: MassUnit = KILOGRAM) -> str:
+def told(known: TruckState | None, tools: tuple[str, ...], unit: MassUnit = KILOGRAM) -> str:
     """The truck in a line."""
     if known is None:
         return ""

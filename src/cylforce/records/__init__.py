@@ -1,1 +1,1 @@
-"""What the operator keeps: every booking, trucks, totals and tickets, in one SQLite file (its chapter: README.md)."""
+"""The operator's records: every booking, trucks, totals and tickets, in one SQLite file (its chapter: README.md)."""

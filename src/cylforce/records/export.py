@@ -1,4 +1,4 @@
-"""The records for other programs: CSV, JSON, Parquet, and the two figures of ISO 15143-3 telematics."""
+"""Export the records for other programs: CSV, JSON, Parquet, and the two figures of ISO 15143-3 telematics."""
 
 import csv
 import json
@@ -10,7 +10,7 @@ from typing import Any
 from cylforce.files.atomic import RecordingError, replacing
 from cylforce.records.queries import bookings, cumulated
 
-# Column of an export: column of the records. Names say the unit.
+# Column of an export: column of the records. Names contain the unit.
 COLUMNS = {
     "start": "start",
     "booking": "number",
@@ -42,19 +42,21 @@ SUFFIXES = (".csv", ".json", ".parquet")
 
 
 def iso(t_us: int) -> str:
-    """A time [us] in UTC as text, to the millisecond."""
+    """Return a time [us] in UTC as text, to the millisecond."""
     return datetime.fromtimestamp(1e-6 * t_us, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def row_of(booking: sqlite3.Row) -> dict[str, Any]:
-    """A booking with the columns' names."""
+    """Return a booking with the names of the export's columns."""
     row = {name: booking[column] for name, column in COLUMNS.items()}
     return row | {"time": iso(booking["t_us"]), "accepted": bool(booking["accepted"]), "final": bool(booking["final"])}
 
 
 def export(connection: sqlite3.Connection, path: Path, since_us: int = 0) -> int:
-    """Write the bookings since a time into a file of the format that its ending names; how many they are. Raises
-    RecordingError."""
+    """Write the bookings since a time into a file of the format that its ending names; return their number.
+
+    Raises RecordingError.
+    """
     if path.suffix.lower() not in SUFFIXES:
         raise RecordingError(f"{path}: has no ending of a format: name it {', '.join('*' + s for s in SUFFIXES)}")
     rows = [row_of(booking) for booking in bookings(connection, since_us)]
@@ -64,6 +66,7 @@ def export(connection: sqlite3.Connection, path: Path, since_us: int = 0) -> int
 
 
 def _csv(rows: list[dict[str, Any]], path: Path) -> None:
+    """Write rows as CSV."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
@@ -71,10 +74,12 @@ def _csv(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def _json(rows: list[dict[str, Any]], path: Path) -> None:
+    """Write rows as JSON."""
     path.write_text(json.dumps(rows, indent=1, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _parquet(rows: list[dict[str, Any]], path: Path) -> None:
+    """Write rows as Parquet. Raises RecordingError without pyarrow."""
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -85,7 +90,9 @@ def _parquet(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def telematics(connection: sqlite3.Connection) -> dict[str, Any]:
-    """`CumulativePayloadTotals` and `CumulativeLoadCount` of ISO 15143-3, each with the time of the last booking."""
+    """Return `CumulativePayloadTotals` and `CumulativeLoadCount` of ISO 15143-3, each with the time of the last
+    booking.
+    """
     mass, loads, t_us = cumulated(connection)
     when = None if t_us is None else iso(t_us)
     return {

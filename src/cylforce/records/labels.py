@@ -1,4 +1,4 @@
-"""What people write to the records: names of products, whose truck it is, a total set to zero, a ticket printed."""
+"""Write what people add to the records: names of products, labels of trucks, a total set to zero."""
 
 import sqlite3
 
@@ -6,11 +6,11 @@ from cylforce.files.atomic import RecordingError
 from cylforce.records.queries import SHIFT, SHORT, truck
 
 LABELS = ("customer", "job", "operator", "note")
-LONGEST = 200  # characters
+LONGEST = 200  # characters of a label; chosen
 
 
 def label_truck(connection: sqlite3.Connection, number: int, labels: dict[str, str]) -> None:
-    """Say whose truck it is. Raises RecordingError for an unknown truck, label or too long a text."""
+    """Write labels of a truck. Raises RecordingError for an unknown truck, label or too long a text."""
     if truck(connection, number) is None:
         raise RecordingError(f"truck {number}: is not in the records: `cylforce records list` names those that are")
     for name, text in labels.items():
@@ -26,7 +26,7 @@ def name_product(connection: sqlite3.Connection, number: int, name: str) -> None
 
 
 def set_to_zero(connection: sqlite3.Connection, which: str, t_us: int) -> None:
-    """Short or shift totals begin anew; the bookings stay. Raises RecordingError for any other."""
+    """Begin the short or shift total anew; the bookings stay. Raises RecordingError for any other total."""
     if which not in (SHORT, SHIFT):
         raise RecordingError(f"{which}: cannot be set to zero: use {SHORT} or {SHIFT}")
     values = (which, t_us)
@@ -36,6 +36,7 @@ def set_to_zero(connection: sqlite3.Connection, which: str, t_us: int) -> None:
 
 
 def _short(name: str, text: str) -> str:
+    """Return a text of at most LONGEST characters. Raises RecordingError."""
     if len(text) > LONGEST:
         raise RecordingError(f"{name}: has {len(text)} characters: write at most {LONGEST}")
     return text

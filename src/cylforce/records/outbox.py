@@ -1,6 +1,8 @@
-"""The outbox: bookings that a receiver has not confirmed, in the order in which they changed. It is the records
-themselves: every change of a booking gives it a new revision, and for each receiver the last confirmed one is kept. So
-nothing is lost while the link is down, and nothing grows that nobody takes."""
+"""The outbox: bookings that a receiver has not confirmed, in the order in which they changed.
+
+The records themselves are the outbox: every change of a booking gives it a new revision, and for each receiver the last
+confirmed one is stored. So nothing is lost while the link is down, and nothing grows without a receiver.
+"""
 
 import sqlite3
 from typing import NamedTuple
@@ -9,25 +11,29 @@ from cylforce.files.atomic import RecordingError
 from cylforce.records.queries import JOINED
 from cylforce.records.schema import version_of
 
-AT_ONCE = 100  # bookings that are read at once
-SINCE_VERSION = 3
+AT_ONCE = 100  # bookings that are read at once; chosen
+SINCE_VERSION = 3  # first version of the records with revisions
 
 
 class Pending(NamedTuple):
-    """A booking that waits, and its revision."""
+    """A booking that was not confirmed.
+
+    revision: its revision
+    booking: its row
+    """
 
     revision: int
     booking: sqlite3.Row
 
 
 def check_outbox(connection: sqlite3.Connection) -> None:
-    """Raises RecordingError for records of an older version, which have no outbox."""
+    """Raise RecordingError for records of an older version, which have no outbox."""
     if version_of(connection) < SINCE_VERSION:
         raise RecordingError("the records are of an older version: start `cylforce run --records` once, it renews them")
 
 
 def pending(connection: sqlite3.Connection, receiver: str) -> list[Pending]:
-    """The oldest changes that `receiver` has not confirmed."""
+    """Return the oldest changes that a receiver has not confirmed."""
     rows = connection.execute(
         f"{JOINED} WHERE b.revision > coalesce((SELECT revision FROM passed_on WHERE receiver = ?), 0) "  # noqa: S608  # our own words
         "ORDER BY b.revision LIMIT ?",
@@ -37,5 +43,5 @@ def pending(connection: sqlite3.Connection, receiver: str) -> list[Pending]:
 
 
 def confirm(connection: sqlite3.Connection, receiver: str, revision: int) -> None:
-    """The receiver has everything up to `revision`."""
+    """Note that a receiver has everything up to a revision."""
     connection.execute("INSERT OR REPLACE INTO passed_on VALUES (?, ?)", (receiver, revision))

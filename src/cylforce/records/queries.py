@@ -1,9 +1,9 @@
-"""Questions to the records."""
+"""Read bookings, totals and trucks from the records."""
 
 import sqlite3
 from typing import NamedTuple
 
-SHORT, SHIFT, GRAND = "short", "shift", "grand"
+SHORT, SHIFT, GRAND = "short", "shift", "grand"  # totals
 JOINED = (
     "SELECT b.*, s.how AS start_how, t.customer, t.job, t.operator, t.note, p.name AS product_name FROM bookings b "
     "JOIN starts s ON s.id = b.start LEFT JOIN trucks t ON t.number = b.truck "
@@ -12,7 +12,13 @@ JOINED = (
 
 
 class Total(NamedTuple):
-    """What was loaded of a product: its number and name, number of loads, mass [kg]."""
+    """What was loaded of a product.
+
+    product: its number
+    name: its name
+    loads: number of loads
+    mass: [kg]
+    """
 
     product: int
     name: str
@@ -21,7 +27,12 @@ class Total(NamedTuple):
 
 
 class Cumulated(NamedTuple):
-    """All that was ever loaded [kg], in how many loads, and when the last one was booked [us] (None: never)."""
+    """All that was ever loaded.
+
+    mass: [kg]
+    loads: number of loads
+    t_us: time of the last booking [us]; None: never
+    """
 
     mass: float
     loads: int
@@ -31,7 +42,12 @@ class Cumulated(NamedTuple):
 def bookings(
     connection: sqlite3.Connection, since_us: int = 0, truck: int | None = None, last: int = -1
 ) -> list[sqlite3.Row]:
-    """The bookings since a time [us], of a truck, the `last` of them (-1: all); oldest first."""
+    """Return bookings, oldest first.
+
+    since_us: from this time on [us]
+    truck: of this truck only; None: of all
+    last: so many of the latest ones; -1: all
+    """
     where, values = " WHERE b.t_us >= ?", [since_us]
     if truck is not None:
         where, values = where + " AND b.truck = ?", [*values, truck]
@@ -40,7 +56,7 @@ def bookings(
 
 
 def totals(connection: sqlite3.Connection, which: str = GRAND) -> list[Total]:
-    """Totals per product: all (GRAND), or since the operator set SHORT or SHIFT to zero."""
+    """Return totals per product: all (GRAND), or since the operator set SHORT or SHIFT to zero."""
     values: tuple[str, ...] = ()
     if which == GRAND:
         source = "totals"
@@ -50,28 +66,28 @@ def totals(connection: sqlite3.Connection, which: str = GRAND) -> list[Total]:
             "coalesce((SELECT booking FROM marks WHERE name = ?), 0) GROUP BY product)"
         )
         values = (which,)
-    found = connection.execute(
+    rows = connection.execute(
         f"SELECT x.product, coalesce(p.name, ''), x.loads, x.mass FROM {source} x "  # noqa: S608  # our own words
         "LEFT JOIN products p ON p.number = x.product ORDER BY x.product",
         values,
     )
-    return [Total(*row) for row in found]
+    return [Total(*row) for row in rows]
 
 
 def cumulated(connection: sqlite3.Connection) -> Cumulated:
-    """The two figures that telematics ask for."""
+    """Return the two figures that telematics requires."""
     mass, loads = connection.execute("SELECT coalesce(sum(mass), 0.0), coalesce(sum(loads), 0) FROM totals").fetchone()
     last = connection.execute("SELECT t_us FROM bookings WHERE accepted ORDER BY id DESC LIMIT 1").fetchone()
     return Cumulated(mass, loads, None if last is None else last[0])
 
 
 def truck(connection: sqlite3.Connection, number: int) -> sqlite3.Row | None:
-    """A truck, None if there is none of this number."""
-    found: sqlite3.Row | None = connection.execute("SELECT * FROM trucks WHERE number = ?", (number,)).fetchone()
-    return found
+    """Return a truck; None if there is none of this number."""
+    row: sqlite3.Row | None = connection.execute("SELECT * FROM trucks WHERE number = ?", (number,)).fetchone()
+    return row
 
 
 def last_truck(connection: sqlite3.Connection) -> int | None:
-    """Number of the truck that was loaded last."""
-    found = connection.execute("SELECT max(truck) FROM bookings").fetchone()[0]
-    return None if found is None else int(found)
+    """Return the number of the truck that was loaded last; None: none."""
+    number = connection.execute("SELECT max(truck) FROM bookings").fetchone()[0]
+    return None if number is None else int(number)

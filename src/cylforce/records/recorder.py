@@ -9,26 +9,34 @@ from queue import Empty, Full, Queue
 from threading import Thread
 
 from cylforce.files.atomic import RecordingError, Report, warn
-from cylforce.records.audit import Audit, length
+from cylforce.records.audit import Audit, last_number
 from cylforce.records.queries import cumulated
 from cylforce.records.schema import open_writing
-from cylforce.records.writing import Change, Start, begin, end, entered, write
+from cylforce.records.writing import Change, Start, begin, end, write, write_audit
 from cylforce.service.state import NOTHING_KEPT, Memory
 
-BACKLOG = 1000  # changes: hours of work; a disk that stalls for longer has failed
-CLOSE_S = 5.0
+BACKLOG = 1000  # changes, those of hours of work: a disk that stalls for longer has failed; chosen
+CLOSE_S = 5.0  # s for which closing waits for the disk; chosen
 
 
 class Recorder:
-    """Takes changes and never makes its caller wait. `kept`: what was kept from before; `recorded`: number of the last
-    booking that is safe on the disk; `audited`: of the last audit entry; `lifetime` [kg]: all that was ever loaded
-    (None: not known). When the disk is full, read-only or fails, recording ends with `failure`, which `tell` is given
-    once, on the caller's thread; nothing else ends.
+    """Records changes and never makes its caller wait.
 
-    Raises RecordingError only when another service writes the same file."""
+    When the disk is full, read-only or fails, recording ends, which is reported once, on the caller's thread; weighing
+    continues. Raises RecordingError only when another service writes the same file.
 
-    def __init__(self, path: Path, start: Start, tell: Report = warn) -> None:
-        self._path, self._tell, self.failure, self._error = path, tell, "", ""
+    path: the file
+    start: the start of the service
+    report: called with a sentence about a failure
+    kept: memory that was restored from the records
+    recorded: number of the last booking that is safe on the disk
+    audited: number of the last audit entry that is safe on the disk
+    lifetime: all that was ever loaded [kg]; None: not known
+    failure: sentence about a failure; "": none
+    """
+
+    def __init__(self, path: Path, start: Start, report: Report = warn) -> None:
+        self._path, self._report, self.failure, self._error = path, report, "", ""
         self.kept: Memory = NOTHING_KEPT
         self.lifetime: float | None = None
         self.audited = 0
@@ -37,45 +45,46 @@ class Recorder:
         self._begun, self._last_us = 0, start.t_us
         self._lock = _locked(path)
         try:
-            self._connection = open_writing(path, tell)
+            self._connection = open_writing(path, report)
             self._begun, self.kept = begin(self._connection, start)
             self.lifetime = cumulated(self._connection).mass
-            self.audited = length(self._connection)
+            self.audited = last_number(self._connection)
         except (sqlite3.Error, OSError) as error:
             self._error = f"{error}"
         self.recorded = self.kept.booking.number if self.kept.booking else 0
         self._thread = Thread(target=self._drain, name="records", daemon=True)
         self._thread.start()
-        self.look()
+        self.report_failure()
 
     def put(self, change: Change | Audit) -> None:
-        """Hand over a change; it is written soon."""
+        """Queue a change; it is written soon."""
         self._last_us = change.t_us
         if not self._error:
             try:
                 self._changes.put_nowait(change)
             except Full:
                 self._error = "the disk does not keep up"
-        self.look()
+        self.report_failure()
 
-    def look(self) -> None:
+    def report_failure(self) -> None:
         """Report a failure of the writing thread, once."""
         if self._error and not self.failure:
             self.failure = (
-                f"{self._path}: no more bookings are recorded ({self._error}); weighing goes on: free the disk"
+                f"{self._path}: no more bookings are recorded ({self._error}); weighing continues: free the disk"
             )
-            self._tell(self.failure)
+            self._report(self.failure)
 
     def close(self) -> None:
-        """Write the rest, and wait for it a few seconds."""
+        """Write the remaining changes, and wait for it a few seconds."""
         with suppress(Full):
             self._changes.put_nowait(self._last_us)
             self._thread.join(CLOSE_S)
-        self.look()
+        self.report_failure()
         if self._lock is not None:
             self._lock.close()
 
     def _drain(self) -> None:
+        """Run the writing thread, until an error or the end."""
         while not self._error and self._connection is not None:
             with suppress(Empty):
                 change = self._changes.get(timeout=1.0)
@@ -90,21 +99,24 @@ class Recorder:
                 self._connection.close()
 
     def _write(self, connection: sqlite3.Connection, change: Change | Audit | int) -> None:
+        """Write a change, an audit entry, or the end of the start at a time [us], on the thread."""
         if isinstance(change, int):
             end(connection, self._begun, change)
             return
         if isinstance(change, Audit):
-            self.audited = entered(connection, change)
+            self.audited = write_audit(connection, change)
             return
         write(connection, self._begun, change)
         self.lifetime = cumulated(connection).mass
-        self.audited = length(connection)
+        self.audited = last_number(connection)
         if change.booked is not None:
             self.recorded = change.booked.booking.number
 
 
 def _locked(path: Path) -> TextIOWrapper | None:
-    """A lock beside the database; None where there is no writing. Raises RecordingError when another has it."""
+    """Lock a file beside the database; None where nothing can be written. Raises RecordingError when another has the
+    lock.
+    """
     try:
         file = path.with_name(path.name + ".lock").open("w")
     except OSError:

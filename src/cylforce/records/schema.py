@@ -1,4 +1,4 @@
-"""The tables of the records, and how an older version of them becomes the present one."""
+"""The tables of the records, and their migration from older versions."""
 
 import sqlite3
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from cylforce.files.atomic import RecordingError, Report
 
 # One entry a version, applied in order; an entry never changes once it was released. Masses in kg, forces in N, times
-# in microseconds since 1970. `accepted` is 0 for a cancelled booking. A trigger, not a program, keeps the totals.
+# in microseconds since 1970. `accepted` is 0 for a cancelled booking. A trigger, not a program, updates the totals.
 MIGRATIONS = (
     """
     CREATE TABLE starts (id INTEGER PRIMARY KEY, begun_us INTEGER NOT NULL, ended_us INTEGER, how TEXT NOT NULL,
@@ -37,13 +37,13 @@ MIGRATIONS = (
     CREATE TABLE changes (id INTEGER PRIMARY KEY, start INTEGER NOT NULL, t_us INTEGER NOT NULL, words TEXT NOT NULL)
         STRICT;
     """,
-    # `final`: the bucket has returned; what remained in it is known as well as it will be.
+    # `final`: the bucket has returned, so that the weight that remained in it is final.
     """
     ALTER TABLE bookings ADD COLUMN final INTEGER NOT NULL DEFAULT 0;
     CREATE TRIGGER refined AFTER UPDATE OF mass ON bookings WHEN new.accepted AND new.mass <> old.mass BEGIN
         UPDATE totals SET mass = mass + new.mass - old.mass WHERE product = new.product; END;
     """,
-    # `revision`: counts the changes of all bookings; who passes them on remembers the last one that was taken.
+    # `revision`: counts the changes of all bookings; for each receiver the last confirmed one is stored.
     """
     ALTER TABLE bookings ADD COLUMN revision INTEGER NOT NULL DEFAULT 0;
     UPDATE bookings SET revision = id;
@@ -55,8 +55,8 @@ MIGRATIONS = (
         WHEN (new.mass, new.accepted, new.final) <> (old.mass, old.accepted, old.final) BEGIN
         UPDATE bookings SET revision = (SELECT max(revision) + 1 FROM bookings) WHERE id = new.id; END;
     """,
-    # a bucket that hangs, as JSON (files/checkpoint.py), and since when it is known; empty: none. Parts of a truck: its
-    # trailer, or the rest of it for another product; the targets of the first part and of the next one
+    # A weighed bucket that is not booked yet, as JSON (files/checkpoint.py), and the time of its weight; empty: none.
+    # Parts of a truck: its trailer, or the rest of it for another product; targets of the first part and the next one.
     """
     ALTER TABLE bookings ADD COLUMN part INTEGER NOT NULL DEFAULT 1;
     ALTER TABLE trucks ADD COLUMN trailer REAL NOT NULL DEFAULT 0.0;
@@ -66,7 +66,7 @@ MIGRATIONS = (
     ALTER TABLE kept ADD COLUMN hanging TEXT NOT NULL DEFAULT '';
     ALTER TABLE kept ADD COLUMN hanging_us INTEGER NOT NULL DEFAULT 0;
     """,
-    # the audit trail (records/audit.py): nothing of it is changed or removed
+    # The audit trail (records/audit.py): nothing of it is changed or removed.
     """
     CREATE TABLE audit (number INTEGER PRIMARY KEY, t_us INTEGER NOT NULL, who TEXT NOT NULL, what TEXT NOT NULL,
         digest TEXT NOT NULL) STRICT;
@@ -76,7 +76,7 @@ MIGRATIONS = (
 )
 VERSION = len(MIGRATIONS)
 AUDITED = 5  # the first version with an audit trail
-BUSY_S = 10.0  # how long the writer waits for another program that writes labels
+BUSY_S = 10.0  # s for which the writer waits for another program that writes labels; chosen
 
 
 class UnreadableError(Exception):
@@ -84,7 +84,7 @@ class UnreadableError(Exception):
 
 
 def version_of(connection: sqlite3.Connection) -> int:
-    """Which version the tables have; 0: there are none yet."""
+    """Return the version of the tables; 0: there are none yet."""
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
 
@@ -95,31 +95,35 @@ def migrate(connection: sqlite3.Connection) -> None:
 
 
 def check(connection: sqlite3.Connection) -> None:
-    """Raises UnreadableError for a file that must not be written."""
+    """Raise UnreadableError for a file that must not be written."""
     try:
         if version_of(connection) > VERSION:
             raise UnreadableError(f"is of version {version_of(connection)}, this cylforce knows up to {VERSION}")
-        found = str(connection.execute("PRAGMA quick_check(1)").fetchone()[0])
+        result = str(connection.execute("PRAGMA quick_check(1)").fetchone()[0])
     except sqlite3.DatabaseError as error:
         if isinstance(error, sqlite3.OperationalError):
             raise
         raise UnreadableError(f"is damaged or no database ({error})") from error
-    if found != "ok":
-        raise UnreadableError(f"is damaged ({found})")
+    if result != "ok":
+        raise UnreadableError(f"is damaged ({result})")
 
 
-def open_writing(path: Path, tell: Report) -> sqlite3.Connection:
-    """The database for the one writer, made or migrated. What cannot be read is kept under another name, which `tell`
-    is given, and a new one begins. Raises sqlite3.Error or OSError where nothing can be written."""
+def open_writing(path: Path, report: Report) -> sqlite3.Connection:
+    """Open the database for the one writer; make or migrate it.
+
+    A file that cannot be read is kept under another name, which is reported, and new records begin. Raises
+    sqlite3.Error or OSError where nothing can be written.
+    """
     try:
         return _ready(path)
     except UnreadableError as error:
         aside = _kept_aside(path)
-        tell(f"{path}: {error}: it was kept as {aside.name}, and new records begin")
+        report(f"{path}: {error}: it was kept as {aside.name}, and new records begin")
         return _ready(path)
 
 
 def _ready(path: Path) -> sqlite3.Connection:
+    """Open, check and migrate the database."""
     connection = sqlite3.connect(path, BUSY_S, isolation_level=None, check_same_thread=False)
     try:
         check(connection)
@@ -133,7 +137,7 @@ def _ready(path: Path) -> sqlite3.Connection:
 
 
 def _kept_aside(path: Path) -> Path:
-    """Renames the database with what belongs to it; nothing of that name is replaced."""
+    """Rename the database with its other files; return the new path. Nothing of that name is replaced."""
     number = 1
     while (aside := path.with_name(f"{path.stem}.kept-{number}{path.suffix}")).exists():
         number += 1
@@ -145,17 +149,20 @@ def _kept_aside(path: Path) -> Path:
 
 
 def open_reading(path: Path) -> sqlite3.Connection:
-    """The database for a command that only reads. Raises RecordingError with a sentence."""
+    """Open the database for a command that only reads. Raises RecordingError with a sentence."""
     return _for_command(path, "ro")
 
 
 def open_labels(path: Path) -> sqlite3.Connection:
-    """The database for a command that changes names, notes, marks or tickets; the service may write meanwhile. Raises
-    RecordingError with a sentence."""
+    """Open the database for a command that changes names, notes, marks or tickets; the service may write meanwhile.
+
+    Raises RecordingError with a sentence.
+    """
     return _for_command(path, "rw")
 
 
 def _for_command(path: Path, mode: str) -> sqlite3.Connection:
+    """Open the database in a mode of SQLite, "ro" or "rw". Raises RecordingError."""
     if not path.is_file():
         raise RecordingError(f"{path}: there are no records: name the file that `cylforce run --records` writes")
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", 5.0, isolation_level=None, uri=True)

@@ -9,8 +9,16 @@ from cylforce.records.writing import BY_HAND
 
 
 class TicketLine(NamedTuple):
-    """A bucket on a ticket: booking number, time [us], product, mass and standard error [kg], whether the operator gave
-    the mass, and the part of the truck."""
+    """A bucket on a ticket.
+
+    number: number of the booking
+    t_us: time of the booking [us]
+    product: name or number of the product
+    mass: [kg]
+    standard_error: of the mass [kg]
+    by_hand: whether the operator entered the mass
+    part: part of the truck
+    """
 
     number: int
     t_us: int
@@ -22,7 +30,13 @@ class TicketLine(NamedTuple):
 
 
 class PartSum(NamedTuple):
-    """What went into one part of a truck of one product: mass [kg], number of buckets."""
+    """What one part of a truck contains of one product.
+
+    part: number of the part
+    product: name or number of the product
+    mass: [kg]
+    loads: number of buckets
+    """
 
     part: int
     product: str
@@ -31,8 +45,20 @@ class PartSum(NamedTuple):
 
 
 class Ticket(NamedTuple):
-    """A ticket: number, when it was first made [us], 1 for the original and more for a copy; machine, truck, labels,
-    buckets that count, their mass [kg]. `standard_error` [kg]: the sum of the buckets', of which most is common."""
+    """A ticket.
+
+    number: its number
+    t_us: time at which it was first made [us]
+    printed: 1 for the original, more for a copy
+    machine: name of the machine
+    truck: number of the truck
+    target: target of the truck [kg]
+    labels: labels of the truck, by name
+    lines: buckets that count
+    mass: their mass [kg]
+    standard_error: sum of the buckets' standard errors, of which most is common to all [kg]
+    trailer: target of the trailer [kg]
+    """
 
     number: int
     t_us: int
@@ -48,43 +74,65 @@ class Ticket(NamedTuple):
 
     @property
     def shares(self) -> tuple[PartSum, ...]:
-        """The buckets by part and product, in the order of their coming; one where nothing was split."""
-        found: dict[tuple[int, str], list[float]] = {}
+        """Return the buckets by part and product, in the order in which they came; one entry where nothing was
+        split.
+        """
+        masses: dict[tuple[int, str], list[float]] = {}
         for line in self.lines:
-            found.setdefault((line.part, line.product), []).append(line.mass)
-        return tuple(PartSum(*place, sum(masses), len(masses)) for place, masses in found.items())
+            masses.setdefault((line.part, line.product), []).append(line.mass)
+        return tuple(
+            PartSum(part=part, product=product, mass=sum(of_both), loads=len(of_both))
+            for (part, product), of_both in masses.items()
+        )
 
 
 def ticket(connection: sqlite3.Connection, number: int, t_us: int, printing: bool = True) -> Ticket:
-    """The ticket of truck `number`; the first `printing` gives it its number. Raises RecordingError for a truck without
-    buckets, or without a ticket where nothing is printed."""
-    found, rows = truck(connection, number), [row for row in bookings(connection, truck=number) if row["accepted"]]
-    if found is None or not rows:
+    """Return the ticket of a truck; the first printing gives it its number.
+
+    Raises RecordingError for a truck without buckets, or without a ticket where nothing is printed.
+
+    number: number of the truck
+    t_us: present time [us]
+    printing: whether it is printed now
+    """
+    loaded, rows = truck(connection, number), [row for row in bookings(connection, truck=number) if row["accepted"]]
+    if loaded is None or not rows:
         raise RecordingError(f"truck {number}: has no booked bucket, so there is no ticket")
-    made = _numbered(connection, number, t_us, printing)
+    ticket_number, first_us, printed = _numbered(connection, number, t_us, printing)
     lines = tuple(
         TicketLine(
-            r["number"],
-            r["t_us"],
-            r["product_name"] or _product(r["product"]),
-            r["mass"],
-            r["standard_error"],
-            r["status"] == BY_HAND,
-            r["part"],
+            number=row["number"],
+            t_us=row["t_us"],
+            product=row["product_name"] or _product(row["product"]),
+            mass=row["mass"],
+            standard_error=row["standard_error"],
+            by_hand=row["status"] == BY_HAND,
+            part=row["part"],
         )
-        for r in rows
+        for row in rows
     )
-    machine = connection.execute("SELECT machine FROM starts ORDER BY id DESC LIMIT 1").fetchone()[0]
-    labels = {name: found[name] for name in ("customer", "job", "operator", "note")}
-    sums = sum(line.mass for line in lines), sum(line.standard_error for line in lines)
-    return Ticket(*made, machine, number, found["target"], labels, lines, *sums, found["trailer"])
+    return Ticket(
+        number=ticket_number,
+        t_us=first_us,
+        printed=printed,
+        machine=connection.execute("SELECT machine FROM starts ORDER BY id DESC LIMIT 1").fetchone()[0],
+        truck=number,
+        target=loaded["target"],
+        labels={name: loaded[name] for name in ("customer", "job", "operator", "note")},
+        lines=lines,
+        mass=sum(line.mass for line in lines),
+        standard_error=sum(line.standard_error for line in lines),
+        trailer=loaded["trailer"],
+    )
 
 
 def _product(number: int) -> str:
+    """Return the number of a product as text; "" for none."""
     return str(number) if number else ""
 
 
 def _numbered(connection: sqlite3.Connection, number: int, t_us: int, printing: bool) -> tuple[int, int, int]:
+    """Return number of the ticket, time of the first one [us], and how often it was printed. Raises RecordingError."""
     if printing:
         connection.execute(
             "INSERT INTO tickets (truck, t_us, printed) VALUES (?, ?, 1) ON CONFLICT (truck) DO UPDATE SET "

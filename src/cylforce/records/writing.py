@@ -1,11 +1,11 @@
-"""What is written into the records: transactions, each whole or not at all."""
+"""Write the records in transactions, each whole or not at all, and restore the service's memory from them."""
 
 import json
 import sqlite3
 from typing import NamedTuple
 
 from cylforce.files.checkpoint import packed, unpacked
-from cylforce.records.audit import Audit, enter, enter_if_other
+from cylforce.records.audit import Audit, append, append_if_changed
 from cylforce.service.booking import Weighed
 from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import KEPT, Bucket, Truck
@@ -13,15 +13,21 @@ from cylforce.service.state import Memory, Scale
 from cylforce.signals.estimate import Booking
 
 OPERATOR = "operator"  # in the audit trail: commands over SDO that need no code
-BY_HAND = "BY_HAND"  # status of a booking that the operator gave
-RUNNING, STOPPED, INTERRUPTED = "running", "stopped", "interrupted"
-# us: no machine dumps a bucket, fills it and lifts it again sooner; excavators need 15 s and more for a cycle
+BY_HAND = "BY_HAND"  # status of a booking that the operator entered
+RUNNING, STOPPED, INTERRUPTED = "running", "stopped", "interrupted"  # how a start is or ended
+# us in which no machine dumps a bucket, fills it and lifts it again; excavators need 15 s and more for a cycle.
 SHORTEST_CYCLE_US = 12_000_000
 
 
 class Start(NamedTuple):
-    """A start of the service: when [us], cylforce's version, the machine's name; who started it, and what is entered
-    into the audit trail if it has changed since the last start: (what it is about, how it is now)."""
+    """A start of the service.
+
+    t_us: time [us]
+    version: cylforce's version
+    machine: name of the machine
+    who: user that started it
+    now: what is entered into the audit trail if it has changed since the last start: (subject, present value)
+    """
 
     t_us: int
     version: str
@@ -31,7 +37,13 @@ class Start(NamedTuple):
 
 
 class BookedBucket(NamedTuple):
-    """A booking with what is kept beside it: `drift` [kg] of the adaptation, `status` of the weight in words."""
+    """A booking with what is recorded beside it.
+
+    booking: the booking
+    cycle: length of its cycle, time in contact, largest soil force
+    drift: drift of the adaptation [kg]
+    status: status of the weight in words
+    """
 
     booking: Booking
     cycle: LastBucket
@@ -40,8 +52,14 @@ class BookedBucket(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What the service remembers since `t_us` [us], with the booking that changed it, or words on what did. `final` is
-    the last booking as it is when the bucket has returned."""
+    """A change of the service's memory.
+
+    t_us: time of the change [us]
+    kept: memory after the change
+    booked: the booking that changed it; None: another change
+    words: what was changed by an operator; "": nothing
+    final: the last booking, when the bucket has returned and its weight is final
+    """
 
     t_us: int
     kept: Memory
@@ -51,20 +69,23 @@ class Change(NamedTuple):
 
 
 def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
-    """A new start: its id, and what was kept. A start that never ended becomes "interrupted"."""
+    """Record a new start; return its id and the restored memory. A start that never ended becomes "interrupted"."""
     connection.execute("BEGIN IMMEDIATE")
     connection.execute("UPDATE starts SET how = ? WHERE how = ?", (INTERRUPTED, RUNNING))
     values = (start.t_us, RUNNING, start.version, start.machine)
     row = connection.execute("INSERT INTO starts (begun_us, how, version, machine) VALUES (?, ?, ?, ?)", values)
-    for about, how in start.now:
-        enter_if_other(connection, Audit(start.t_us, start.who, f"{about}: {how}"), f"{about}: ")
+    for subject, value in start.now:
+        append_if_changed(connection, Audit(start.t_us, start.who, f"{subject}: {value}"), f"{subject}: ")
     connection.execute("COMMIT")
-    return int(row.lastrowid or 0), restored(connection, start.t_us)
+    return int(row.lastrowid or 0), restore(connection, start.t_us)
 
 
-def restored(connection: sqlite3.Connection, t_us: int) -> Memory:
-    """What the service remembered when it wrote last. The truck's buckets are those of its bookings. A bucket that hung
-    then is still the same at `t_us` [us] if no other can have been filled meanwhile."""
+def restore(connection: sqlite3.Connection, t_us: int) -> Memory:
+    """Return the service's memory when it wrote last.
+
+    The truck's buckets are those of its bookings. A bucket that was weighed and not yet booked counts as the same at
+    `t_us` [us] if no other can have been filled meanwhile.
+    """
     last = connection.execute(
         "SELECT number, t_us, gross, standard_error, carry_back + zero, standard_error, mass + tare, standard_error "
         "FROM bookings ORDER BY id DESC LIMIT 1"
@@ -74,23 +95,37 @@ def restored(connection: sqlite3.Connection, t_us: int) -> Memory:
     row = connection.execute(kept).fetchone()
     if row is None:
         return Memory(booking=booking)
-    zero, tare, number, target, product, tool, hung, since_us, *parts = row
-    hanging = unpacked(Weighed, json.loads(hung)) if hung else None
+    zero, tare, number, target, product, tool, weighed, since_us, part, first, trailer = row
+    hanging = unpacked(Weighed, json.loads(weighed)) if weighed else None
     sums = (
         "SELECT coalesce(sum(mass), 0.0), count(*), coalesce(sum(mass) FILTER (WHERE part = ?), 0.0) FROM bookings "
         "WHERE truck = ? AND accepted"
     )
-    total, filled, in_part = connection.execute(sums, (parts[0], number)).fetchone()
+    total, filled, in_part = connection.execute(sums, (part, number)).fetchone()
     listed = "SELECT number, mass, accepted, part FROM bookings WHERE truck = ? ORDER BY id DESC LIMIT ?"
     rows = connection.execute(listed, (number, KEPT)).fetchall()
-    buckets = tuple(Bucket(found, mass, bool(accepted), part) for found, mass, accepted, part in reversed(rows))
-    opened = Truck(number, target, product, total, filled, buckets, parts[0], in_part, *parts[1:])
-    memory = Memory(Scale(zero, tare), opened, booking, tool, hanging)
+    buckets = tuple(
+        Bucket(number=booked, mass=mass, accepted=bool(accepted), part=into)
+        for booked, mass, accepted, into in reversed(rows)
+    )
+    truck = Truck(
+        number=number,
+        target=target,
+        product=product,
+        total=total,
+        filled=filled,
+        buckets=buckets,
+        part=part,
+        in_part=in_part,
+        first=first,
+        trailer=trailer,
+    )
+    memory = Memory(scale=Scale(zero=zero, tare=tare), truck=truck, booking=booking, tool=tool, hanging=hanging)
     return memory if 0 <= t_us - since_us <= SHORTEST_CYCLE_US else memory.emptied()
 
 
 def write(connection: sqlite3.Connection, start: int, change: Change) -> None:
-    """One change as one transaction."""
+    """Write one change as one transaction."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         _write(connection, start, change)
@@ -101,11 +136,11 @@ def write(connection: sqlite3.Connection, start: int, change: Change) -> None:
         raise
 
 
-def entered(connection: sqlite3.Connection, said: Audit) -> int:
-    """One audit entry as one transaction; its number."""
+def write_audit(connection: sqlite3.Connection, audit: Audit) -> int:
+    """Write one audit entry as one transaction; return its number."""
     connection.execute("BEGIN IMMEDIATE")
     try:
-        number = enter(connection, said)
+        number = append(connection, audit)
         connection.execute("COMMIT")
     except BaseException:
         if connection.in_transaction:
@@ -115,6 +150,7 @@ def entered(connection: sqlite3.Connection, said: Audit) -> int:
 
 
 def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
+    """Write a change inside a transaction: truck, booking, cancelled buckets, memory, audit entry."""
     truck = change.kept.truck
     connection.execute(
         "UPDATE trucks SET closed_us = ? WHERE closed_us IS NULL AND number < ?", (change.t_us, truck.number)
@@ -133,33 +169,62 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
             "UPDATE bookings SET accepted = ? WHERE truck = ? AND number = ? AND accepted <> ?",
             (bucket.accepted, truck.number, bucket.number, bucket.accepted),
         )
-    hanging = change.kept.hanging
-    hung = ("", 0) if hanging is None else (json.dumps(packed(hanging)), change.t_us)
-    place = (change.kept.tool, truck.number, truck.target, truck.product)
-    values = (*change.kept.scale, *place, truck.part, truck.first, truck.trailer, *hung)
-    connection.execute("INSERT OR REPLACE INTO kept VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", values)
+    scale, hanging = change.kept.scale, change.kept.hanging
+    connection.execute(
+        "INSERT OR REPLACE INTO kept (id, zero, tare, attachment, truck, target, product, part, first, trailer, "
+        "hanging, hanging_us) VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        (
+            scale.zero,
+            scale.tare,
+            change.kept.tool,
+            truck.number,
+            truck.target,
+            truck.product,
+            truck.part,
+            truck.first,
+            truck.trailer,
+            "" if hanging is None else json.dumps(packed(hanging)),
+            0 if hanging is None else change.t_us,
+        ),
+    )
     if change.words:
         row = (start, change.t_us, change.words)
         connection.execute("INSERT INTO changes (start, t_us, words) VALUES (?, ?, ?)", row)
-        enter(connection, Audit(change.t_us, OPERATOR, change.words))
+        append(connection, Audit(change.t_us, OPERATOR, change.words))
 
 
 def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: BookedBucket) -> None:
-    """The same booking a second time changes nothing."""
-    booking, (zero, tare) = booked.booking, kept.scale
-    weights = (booking.dumped - tare, booking.dumped_error, booking.mass, booking.carry_back - zero)
-    place = (start, booking.number, booking.t_us, kept.truck.number, kept.truck.product, kept.truck.part)
-    rest = (*booked.cycle, zero, tare, kept.tool, booked.drift, booked.status)
+    """Record a booking; a second time it changes nothing."""
+    booking, cycle, scale, truck = booked.booking, booked.cycle, kept.scale, kept.truck
     connection.execute(
         "INSERT OR IGNORE INTO bookings (start, number, t_us, truck, product, part, mass, standard_error, gross, "
         "carry_back, cycle, contact, peak, zero, tare, attachment, drift, status) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, "
         "?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (*place, *weights, *rest),
+        (
+            start,
+            booking.number,
+            booking.t_us,
+            truck.number,
+            truck.product,
+            truck.part,
+            booking.dumped - scale.tare,
+            booking.dumped_error,
+            booking.mass,
+            booking.carry_back - scale.zero,
+            cycle.cycle,
+            cycle.contact,
+            cycle.peak,
+            scale.zero,
+            scale.tare,
+            kept.tool,
+            booked.drift,
+            booked.status,
+        ),
     )
 
 
 def _finish(connection: sqlite3.Connection, start: int, booking: Booking) -> None:
-    """The weights of a booking as they are at last, with the zero and the tare of its time; once."""
+    """Replace the weights of a booking by the final ones, once, with the zero and the tare of its time."""
     values = (booking.dumped, booking.dumped_error, booking.mass, booking.carry_back, start, booking.number)
     connection.execute(
         "UPDATE bookings SET mass = ? - tare, standard_error = ?, gross = ?, carry_back = ? - zero, final = 1 "
@@ -169,5 +234,5 @@ def _finish(connection: sqlite3.Connection, start: int, booking: Booking) -> Non
 
 
 def end(connection: sqlite3.Connection, start: int, t_us: int) -> None:
-    """The start has ended as it should."""
+    """Record that a start has ended properly."""
     connection.execute("UPDATE starts SET ended_us = ?, how = ? WHERE id = ?", (t_us, STOPPED, start))

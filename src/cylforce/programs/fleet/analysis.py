@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from cylforce.estimation.model import Model
 from cylforce.fleet.coordinates import coordinates, followed_model
-from cylforce.fleet.fleet import Dated, Fleet, MachineTold, fleet
-from cylforce.fleet.gaussians import Beside
+from cylforce.fleet.fleet import Dated, Fleet, MachineResult, fleet
+from cylforce.fleet.gaussians import ParallelMap
 from cylforce.programs.fleet.gathering import ABSOLUTE_S, Gathered
 from cylforce.programs.fleet.task import DOUBTFUL, OK
 
@@ -32,7 +32,7 @@ class OfType(NamedTuple):
     machines: Mapping[str, Ordered]
     fleet: Fleet
 
-    def told(self, machine: str) -> MachineTold:
+    def told(self, machine: str) -> MachineResult:
         """What is told of a machine."""
         return self.fleet.machines[machine]
 
@@ -83,7 +83,7 @@ def _types(
     groups: Mapping[str, Mapping[str, list[Gathered]]],
     first: Mapping[str, Gathered],
     notes: dict[str, str],
-    beside: Beside,
+    beside: ParallelMap,
 ) -> list[OfType]:
     types = []
     for kind, machines in sorted(groups.items()):

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 import cylforce
 from cylforce.files.atomic import replacing
-from cylforce.fleet.changes import Altered, Shape
+from cylforce.fleet.changes import MachineChange, Shape
 from cylforce.fleet.coordinates import OFFSET, RUBBING, ZERO, Coordinate, joint_directions
 from cylforce.fleet.courses import Course
 from cylforce.programs.fleet.analysis import DAY_S, OfType, Ordered
@@ -146,7 +146,7 @@ def _spark(kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange
     return spark_svg(Curve(t, y, np.zeros_like(y), (0.0, 0.0)))
 
 
-def _column(quantities: Sequence[Coordinate], altered: Altered) -> int | None:
+def _column(quantities: Sequence[Coordinate], altered: MachineChange) -> int | None:
     """The quantity that shows a change best."""
     named = {FRICTION: RUBBING[0], DRY: RUBBING[0], MASS: "X", ANGLE: OFFSET}
     wanted = f"{altered.at}.{named.get(altered.name, ZERO)}"

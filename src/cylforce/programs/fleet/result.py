@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from cylforce.fleet.changes import Altered
+from cylforce.fleet.changes import MachineChange
 from cylforce.programs.fleet.analysis import Analysis
 from cylforce.programs.fleet.gathering import Gathered
 
@@ -12,7 +12,7 @@ class FleetChange(NamedTuple):
     """A change of a machine, with its dates and in words."""
 
     machine: str
-    altered: Altered
+    altered: MachineChange
     date: str
     before: str
     words: str

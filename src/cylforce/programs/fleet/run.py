@@ -138,7 +138,7 @@ def _add_course(rows: dict[str, dict[str, Any]], kind: OfType, name: str, ordere
     usual = kind.fleet.usual.mean[: len(kind.fleet.quantities)]
     names = [f"{what}:{joint}" for joint in joints for what in ("left_nm", "past_nm", "type_nm")]
     for own, expected, each, columns in zip(course.own, course.expected, latest, said, strict=True):
-        left = each.evidence.left(np.array([own, expected, usual]))
+        left = each.evidence.residual(np.array([own, expected, usual]))
         rows[each.stored.address] |= columns | dict(zip(names, left.ravel().tolist(), strict=True))
 
 

@@ -8,7 +8,7 @@ from cylforce.effects.loads.extra_mass import ExtraMass
 from cylforce.effects.sensors.angle_offset import AngleOffset
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.fleet.causes import UNKNOWN
-from cylforce.fleet.changes import Altered, Shape
+from cylforce.fleet.changes import MachineChange, Shape
 
 FRICTION = FrictionLevelChange().about.name
 DRY, ZERO = CoulombFriction().about.name, PressureOffset().about.name
@@ -36,7 +36,7 @@ def cause_words(name: str, at: str) -> str:
     return said[name]
 
 
-def size_words(altered: Altered) -> str:
+def size_words(altered: MachineChange) -> str:
     """Size and standard error in the units of the workshop."""
     value, error = altered.size, altered.error
     if altered.name == UNKNOWN:
@@ -52,7 +52,7 @@ def size_words(altered: Altered) -> str:
     return f"{value:+.3g} {altered.unit} (± {error:.2g})"
 
 
-def told(altered: Altered, date: str, before: str) -> str:
+def told(altered: MachineChange, date: str, before: str) -> str:
     """A sentence about a change that shows first on `date`, after the recording of `before`."""
     what = " ".join((cause_words(altered.name, altered.at), size_words(altered))).strip()
     others = [cause_words(b.name, b.at) for b in altered.causes if (b.name, b.at) != (altered.name, altered.at)]

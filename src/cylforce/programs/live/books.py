@@ -122,7 +122,7 @@ class Ledger:
         if self._recorder is None:
             self._node.set_value(LOADING, RECORDS, NO_RECORDS)
             return
-        self._recorder.look()
+        self._recorder.report_failure()
         self._node.set_value(PROTECTION, AUDIT_COUNT, self._recorder.audited)
         self._node.set_value(LOADING, RECORDED, self._recorder.recorded)
         self._node.set_value(LOADING, RECORDS, RECORDS_STOPPED if self._recorder.failure else RECORDING)
