@@ -1,1 +1,1 @@
-"""The page in the cab: listens to the bus, sends commands by SDO (its chapter: README.md)."""
+"""The page in the cab: receives frames from the bus, sends commands by SDO (its chapter: README.md)."""

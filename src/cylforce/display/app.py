@@ -1,4 +1,4 @@
-"""The pages and what they ask for, as a Starlette application."""
+"""The pages and their requests, as a Starlette application."""
 
 import sqlite3
 from collections.abc import Callable
@@ -28,12 +28,19 @@ from cylforce.records.ticket import ticket
 from cylforce.signals.units import MASS_UNITS, MassUnit
 
 STATIC = Path(str(files(__package__) / "static"))
-LISTED = 100  # bookings on the history page
+LISTED = 100  # bookings on the history page; chosen
 
 
 class PageSources(NamedTuple):
-    """What the pages need: how to command, where the records are (None: nowhere), the two streams, the clock, the
-    language of a browser that wants none of ours, the unit of mass where the address names none."""
+    """What the pages need.
+
+    panel: sends commands
+    records: path of the records; None: none
+    work, engineering: the two streams of pictures
+    now_us: clock [us]
+    language: language of a browser that accepts none of ours
+    unit: unit of masses where the address names none
+    """
 
     panel: Panel
     records: Path | None
@@ -45,18 +52,21 @@ class PageSources(NamedTuple):
 
 
 class Pages:
-    """The answers to every request."""
+    """The answers to all requests.
 
-    def __init__(self, desk: PageSources) -> None:
-        self._desk = desk
+    sources: what the pages need
+    """
+
+    def __init__(self, sources: PageSources) -> None:
+        self._sources = sources
 
     def routes(self) -> list[Route | Mount]:
-        """Which address is answered by what."""
+        """Return the addresses with their answers."""
         return [
             Route("/", self.front),
             Route("/words", self.words),
-            Route("/stream/work", self._desk.work),
-            Route("/stream/engineering", self._desk.engineering),
+            Route("/stream/work", self._sources.work),
+            Route("/stream/engineering", self._sources.engineering),
             Route("/history", self.history),
             Route("/ticket/{truck:int}", self.ticket),
             Route("/command", self.command, methods=["POST"]),
@@ -66,71 +76,81 @@ class Pages:
         ]
 
     def front(self, request: Request) -> Response:
-        """The page itself; all else it asks for."""
+        """Answer with the page itself, which requests everything else."""
         text = (STATIC / "index.html").read_text(encoding="utf-8")
         return HTMLResponse(text.replace('lang="en"', f'lang="{self._language(request)}"', 1))
 
     def words(self, request: Request) -> Response:
-        """The page's words."""
+        """Answer with the page's words."""
         return JSONResponse(page_words(self._language(request), self._unit(request)))
 
     def _unit(self, request: Request) -> MassUnit:
-        return MASS_UNITS.get(request.query_params.get("unit", ""), MASS_UNITS[self._desk.unit])
+        """Return the unit of masses that the address names."""
+        return MASS_UNITS.get(request.query_params.get("unit", ""), MASS_UNITS[self._sources.unit])
 
     def _language(self, request: Request) -> str:
-        asked = request.query_params.get("lang", "")
+        """Return the language that the address names, else the browser's."""
+        named = request.query_params.get("lang", "")
         return (
-            asked if asked in languages() else wanted(request.headers.get("accept-language", ""), self._desk.language)
+            named
+            if named in languages()
+            else wanted(request.headers.get("accept-language", ""), self._sources.language)
         )
 
     async def command(self, request: Request) -> Response:
         """Send a command to the service: {"what": ..., "value": ...}; a command without a number needs no value."""
-        said = await _body(request)
-        value = said.get("value")
+        body = await _body(request)
+        value = body.get("value")
         if value is not None and (not isinstance(value, int | float) or isnan(value)):
             return JSONResponse({"done": False, "why": "06090030"})
-        outcome = await self._desk.panel.send_command(str(said.get("what")), value)
+        outcome = await self._sources.panel.send_command(str(body.get("what")), value)
         return JSONResponse(outcome._asdict())
 
     def history(self, request: Request) -> Response:
-        """Bookings, newest first, and totals; `records` is false where there are none."""
+        """Answer with bookings, newest first, and totals; `records` is false where there are none."""
         return self._with_records(_history)
 
     def ticket(self, request: Request) -> Response:
-        """A ticket that was printed already, as a page."""
+        """Answer with a ticket that was printed already, as a page."""
         truck, language, unit = request.path_params["truck"], self._language(request), self._unit(request)
 
-        def page(found: sqlite3.Connection) -> Response:
-            return HTMLResponse(ticket_page(ticket(found, truck, self._desk.now_us(), printing=False), language, unit))
+        def page(connection: sqlite3.Connection) -> Response:
+            """Return the page."""
+            printed = ticket(connection, truck, self._sources.now_us(), printing=False)
+            return HTMLResponse(ticket_page(printed, language, unit))
 
         return self._with_records(page)
 
     async def print(self, request: Request) -> Response:
-        """{"truck": N}: makes its ticket, or one more copy."""
+        """Make a truck's ticket, or one more copy: {"truck": N}."""
         truck = (await _body(request)).get("truck")
-        return await self._written(lambda found: ticket(found, int(str(truck)), self._desk.now_us()))
+        return await self._written(lambda connection: ticket(connection, int(str(truck)), self._sources.now_us()))
 
     async def zero_total(self, request: Request) -> Response:
-        """{"which": "short" or "shift"}: begins anew."""
+        """Begin a total anew: {"which": "short" or "shift"}."""
         which = str((await _body(request)).get("which"))
-        return await self._written(lambda found: set_to_zero(found, which, self._desk.now_us()))
+        return await self._written(lambda connection: set_to_zero(connection, which, self._sources.now_us()))
 
     def _with_records(self, answer: Callable[[sqlite3.Connection], Response]) -> Response:
-        if self._desk.records is None:
+        """Answer from the records, or that there are none."""
+        if self._sources.records is None:
             return JSONResponse({"records": False}, 404)
         try:
-            with closing(open_reading(self._desk.records)) as found:
-                return answer(found)
+            with closing(open_reading(self._sources.records)) as connection:
+                return answer(connection)
         except (RecordingError, sqlite3.Error) as error:
             return JSONResponse({"records": False, "why": str(error)}, 404)
 
     async def _written(self, change: Callable[[sqlite3.Connection], object]) -> Response:
+        """Change the records in a thread; answer whether it was done, or why not."""
+
         def write() -> Response:
-            if self._desk.records is None:
+            """Change the records."""
+            if self._sources.records is None:
                 return JSONResponse({"done": False}, 404)
             try:
-                with closing(open_labels(self._desk.records)) as found:
-                    change(found)
+                with closing(open_labels(self._sources.records)) as connection:
+                    change(connection)
             except (RecordingError, sqlite3.Error, ValueError) as error:
                 return JSONResponse({"done": False, "why": str(error)}, 409)
             return JSONResponse({"done": True})
@@ -139,23 +159,26 @@ class Pages:
 
 
 async def _body(request: Request) -> dict[str, Any]:
+    """Return the JSON object in a request; {} for anything else."""
     try:
-        said = await request.json()
+        body = await request.json()
     except ValueError:
         return {}
-    return said if isinstance(said, dict) else {}
+    return body if isinstance(body, dict) else {}
 
 
-def _history(found: sqlite3.Connection) -> Response:
-    listed = [row_of(row) for row in reversed(bookings(found, last=LISTED))]
-    sums = {which: [_total(total) for total in totals(found, which)] for which in (SHORT, SHIFT, GRAND)}
+def _history(connection: sqlite3.Connection) -> Response:
+    """Answer with bookings and totals."""
+    listed = [row_of(row) for row in reversed(bookings(connection, last=LISTED))]
+    sums = {which: [_total(total) for total in totals(connection, which)] for which in (SHORT, SHIFT, GRAND)}
     return JSONResponse({"records": True, "bookings": listed, "totals": sums})
 
 
 def _total(total: Total) -> dict[str, Any]:
+    """Return a total for JSON."""
     return {"product": total.name or total.product, "loads": total.loads, "mass_kg": total.mass}
 
 
-def application(desk: PageSources) -> Starlette:
-    """The application, without its guard."""
-    return Starlette(routes=Pages(desk).routes())
+def application(sources: PageSources) -> Starlette:
+    """Return the application, without its guard."""
+    return Starlette(routes=Pages(sources).routes())

@@ -1,4 +1,4 @@
-"""Who may ask for what: foreign hosts and origins are refused, changes may want a PIN."""
+"""Access control of the page: foreign hosts and origins are refused, changes may need a PIN."""
 
 import hmac
 from collections.abc import Callable, Iterable
@@ -9,8 +9,8 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-TRIES, LOCKED_US = 5, 30_000_000  # wrong PINs in a row, and for how long [us] no other is looked at then; chosen
-HEADERS = (
+TRIES, LOCKED_US = 5, 30_000_000  # wrong PINs in a row, after which every PIN is refused for so many us; chosen
+HEADERS = (  # of every answer: the page loads nothing from elsewhere and is not embedded
     (b"content-security-policy", b"default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"),
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
@@ -19,29 +19,35 @@ HEADERS = (
 
 
 class Guard:
-    """Around the application. `hosts`: the names under which it may be reached; `pin`: what a change needs, empty for
-    none."""
+    """A wrapper around the application that refuses requests.
+
+    app: the application
+    hosts: names under which it may be reached
+    pin: PIN for changes; "": none
+    now_us: clock [us]
+    """
 
     def __init__(self, app: ASGIApp, hosts: Iterable[str], pin: str, now_us: Callable[[], int]) -> None:
         self._app, self._hosts, self._pin, self._now_us = app, frozenset(hosts), pin, now_us
         self._wrong = self._until_us = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or refuse it with a sentence."""
+        """Pass a request on, or refuse it with a sentence."""
         if scope["type"] != "http":
             return
         refusal = self.refusal(scope["method"], Headers(scope=scope))
 
-        async def sealed(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
+            """Send a message; an answer gets the headers."""
             if message["type"] == "http.response.start":
                 message["headers"] = [*message.get("headers", ()), *HEADERS]
             await send(message)
 
         answer = self._app if refusal is None else PlainTextResponse(refusal[1], refusal[0])
-        await answer(scope, receive, sealed)
+        await answer(scope, receive, send_with_headers)
 
     def refusal(self, method: str, headers: Headers) -> tuple[int, str] | None:
-        """Status and sentence, or None if the request may pass."""
+        """Return status and sentence of a refusal; None if the request may pass."""
         host, origin = headers.get("host", ""), headers.get("origin")
         if _name(host) not in self._hosts:
             return 421, f"This page is not served under the name {_name(host)!r}: see cylforce display --name."
@@ -56,6 +62,7 @@ class Guard:
         return self._pin_refusal(headers.get("x-pin", ""))
 
     def _pin_refusal(self, given: str) -> tuple[int, str] | None:
+        """Return the refusal of a PIN; None if it is right or none is needed."""
         if not self._pin:
             return None
         if self._now_us() < self._until_us:
@@ -70,4 +77,5 @@ class Guard:
 
 
 def _name(host: str) -> str:
+    """Return the name in a host header, without the port."""
     return (urlsplit(f"//{host}").hostname or "") if host else ""

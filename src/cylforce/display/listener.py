@@ -1,4 +1,4 @@
-"""What a listener on the bus knows: the last PDOs of the service, the sensors' signals, nodes, traffic."""
+"""Values received from the bus: the last PDOs of the service, the sensors' signals, nodes, bus load."""
 
 from collections import deque
 from typing import NamedTuple
@@ -11,27 +11,41 @@ from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Sample
 from cylforce.signals.events import Frame
 
-LATE_US = 500_000  # from this age on a published value is not shown; chosen
+LATE_US = 500_000  # us, age from which on a published value is not shown; chosen
 SECOND_US = 1_000_000
 ZEROED = bytes((0x60, ZERO & 0xFF, ZERO >> 8, 1))  # the SDO answer to a zero that was done
 
 
 class ReceivedPdo(NamedTuple):
-    """The last data of a PDO, and when it came [us]."""
+    """The last data of a PDO.
+
+    t_us: time of reception [us]
+    data: its data
+    """
 
     t_us: int
     data: bytes
 
 
 class NodeState(NamedTuple):
-    """A node's last NMT state and when it said so [us]."""
+    """The last NMT state of a node.
+
+    state: the state
+    t_us: time of its heartbeat [us]
+    """
 
     state: int
     t_us: int
 
 
 class Listener:
-    """Takes frames; every question is answered for a time [us]."""
+    """Receives frames and returns values at a time [us].
+
+    service: settings of the service
+    nodes: last state of each node, by number
+    emergencies: last error code of each node, by number
+    zeroed_us: time at which the service last executed a zero command [us]
+    """
 
     def __init__(self, service: Service) -> None:
         self.service = service
@@ -39,19 +53,19 @@ class Listener:
         self._inputs = self._assembler.begin()
         self._still = self._assembler.still
         self._ours = {pdo.can_id: pdo for pdo in service.publication}
-        self._heard: dict[int, ReceivedPdo] = {}
+        self._received: dict[int, ReceivedPdo] = {}
         self.nodes: dict[int, NodeState] = {}
         self.emergencies: dict[int, int] = {}
-        self._traffic: deque[tuple[int, int]] = deque()
-        self._bits = 0
-        self.zeroed_us = 0  # when the service last obeyed a zero command
+        self._traffic: deque[tuple[int, int]] = deque()  # time [us] and bits of the frames of the last second
+        self._bits = 0  # their sum
+        self.zeroed_us = 0
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame from the bus."""
+        """Process a frame from the bus."""
         self._count(frame)
         kind, node = frame.can_id & ~0x7F, frame.can_id & 0x7F
         if frame.can_id in self._ours:
-            self._heard[frame.can_id] = ReceivedPdo(frame.t_us, frame.data)
+            self._received[frame.can_id] = ReceivedPdo(frame.t_us, frame.data)
         elif frame.can_id in self._assembler.decoders:
             self._inputs = self._assembler.receive(self._inputs, (frame,), self._still)
         elif frame.can_id == 0x580 + self.service.node_id and frame.data[:4] == ZEROED:
@@ -62,33 +76,37 @@ class Listener:
             self.emergencies[node] = int.from_bytes(frame.data[:2], "little")
 
     def _count(self, frame: Frame) -> None:
+        """Add a frame to the bus load."""
         bits = longest_frame(len(frame.data))
         self._traffic.append((frame.t_us, bits))
         self._bits += bits
         self._forget(frame.t_us)
 
     def _forget(self, t_us: int) -> None:
+        """Remove frames older than a second from the bus load."""
         while self._traffic and t_us - self._traffic[0][0] > SECOND_US:
             self._bits -= self._traffic.popleft()[1]
 
     def bits_per_second(self, t_us: int) -> int:
-        """Traffic of the last second, every frame at its longest."""
+        """Return the bus load of the last second [bit/s], every frame at its longest."""
         self._forget(t_us)
         return self._bits
 
     def values(self, t_us: int) -> dict[str, float]:
-        """Published SI values by name, NaN for "no value"; those of PDOs that are late or too short are missing."""
-        found: dict[str, float] = {}
+        """Return published SI values by name, NaN for "no value"; those of PDOs that are late or too short are
+        missing.
+        """
+        published: dict[str, float] = {}
         for can_id, pdo in self._ours.items():
-            heard = self._heard.get(can_id)
-            if heard and t_us - heard.t_us < LATE_US and len(heard.data) >= pdo.length:
-                found |= decode(pdo, heard.data)
-        return found
+            received = self._received.get(can_id)
+            if received and t_us - received.t_us < LATE_US and len(received.data) >= pdo.length:
+                published |= decode(pdo, received.data)
+        return published
 
     def sample(self, t_us: int) -> Sample:
-        """All signals, with their ages and the reasons why they are not usable."""
+        """Return all signals, with their ages and the reasons why they are not usable."""
         return self._assembler.sample(self._inputs, t_us)
 
     def ages(self, t_us: int) -> tuple[float, ...]:
-        """Age [s] of each signal's last value; infinite where there never was one."""
+        """Return the age [s] of each signal's last value; infinite where there was none."""
         return self._assembler.ages(self._inputs, t_us)

@@ -1,4 +1,4 @@
-"""The operator's hand on the service: commands by SDO, and what the service says about the truck, read by SDO."""
+"""The operator's panel: sends commands to the service by SDO, and reads the state of the truck by SDO."""
 
 import asyncio
 from collections import deque
@@ -22,11 +22,11 @@ from cylforce.canopen.sdo_client import AbortedError, Client, SdoError
 from cylforce.service import commands
 from cylforce.signals.layout import not_available
 
-EVERY_S = 1.0
-SOON_S = 0.05  # after a command: the service shows its effect at its next step
+EVERY_S = 1.0  # s between two readings; chosen
+SOON_S = 0.05  # s from a command to the next reading: the service shows its effect at its next step; chosen
 KEPT = 8  # last buckets that are shown; chosen
 KG = commands.KG
-FIELDS = (  # of TruckState: sub-index, type
+FIELDS = (  # sub-index and type of the fields of TruckState, in their order
     (TRUCK, "I"),
     (TOTAL, "i"),
     (COUNT, "I"),
@@ -44,9 +44,22 @@ NOT_KNOWN, NO_ANSWER = "unknown", "no answer"
 
 
 class TruckState(NamedTuple):
-    """The truck as the service has it: number, mass and target [kg], buckets, product; numbers of the last booking, of
-    the last one on disk; state of the records; number of the tool; mass in the present part (None: as in the truck),
-    number of the part, target of the trailer; the torque residual of the first measured joints [N m], None for none."""
+    """The truck in the service.
+
+    number: number of the truck
+    total: mass in it [kg]
+    filled: number of buckets in it
+    last: number of the last booking
+    recorded: number of the last booking on disk
+    product: number of the product
+    target: target of the truck, or of its part [kg]
+    records: state of the records
+    tool: number of the tool
+    in_part: mass in the present part [kg]; None: as in the truck
+    part: number of the part
+    trailer: target of the trailer [kg]
+    unexplained: residual torque of the first measured joints [N m]; None: not known
+    """
 
     number: int
     total: float
@@ -64,33 +77,45 @@ class TruckState(NamedTuple):
 
     @property
     def loaded(self) -> float:
-        """What counts for the target [kg]."""
+        """Return the mass that counts for the target [kg]."""
         return self.total if self.in_part is None else self.in_part
 
 
 class ListedBucket(NamedTuple):
-    """A bucket that was booked while the display ran: number, mass [kg] that the truck got."""
+    """A bucket that was booked while the display ran.
+
+    number: number of the booking
+    mass: mass that the truck got [kg]
+    """
 
     number: int
     mass: float
 
 
 class Reply(NamedTuple):
-    """Whether a command was done; if not, the SDO abort code, or why in one word."""
+    """The answer to a command.
+
+    done: whether it was done
+    why: otherwise the SDO abort code, or the reason in one word
+    """
 
     done: bool
     why: str = ""
 
 
 class Loading:
-    """What is known of the truck; None before the service has answered, or when it no longer does."""
+    """The truck as it was read last.
+
+    known: its state; None before the service has answered, or when it no longer does
+    buckets: the last buckets
+    """
 
     def __init__(self) -> None:
         self.known: TruckState | None = None
         self.buckets: deque[ListedBucket] = deque(maxlen=KEPT)
 
     def update(self, known: TruckState | None) -> None:
-        """What was just read. One more bucket in the same truck is remembered with its mass."""
+        """Store a new state; one more bucket in the same truck is listed with its mass."""
         before, self.known = self.known, known
         if before is None or known is None or known.number != before.number:
             return
@@ -99,8 +124,13 @@ class Loading:
 
 
 class Panel:
-    """Speaks with the service of node `node_id`, whose machine has so many measured `joints`; one transfer at a
-    time."""
+    """Communicates with the service, one transfer at a time.
+
+    network: network on which the service is
+    node_id: number of its node
+    joints: number of measured joints of the machine
+    loading: the truck as it was read last
+    """
 
     def __init__(self, network: Network, node_id: int, joints: int = 0) -> None:
         self._client, self._joints = Client(network, node_id), joints
@@ -108,9 +138,9 @@ class Panel:
         self._soon = asyncio.Event()
 
     async def follow(self) -> None:
-        """Read what the service knows, every second and after each command, until cancelled."""
+        """Read the state of the truck, every second and after each command, until cancelled."""
         while True:
-            self._soon.clear()  # before reading: a command that comes meanwhile asks for one more look
+            self._soon.clear()  # before reading: a command that comes meanwhile causes one more reading
             self.loading.update(await self.read())
             try:
                 await asyncio.wait_for(self._soon.wait(), EVERY_S)
@@ -118,36 +148,44 @@ class Panel:
                 continue
 
     async def read(self) -> TruckState | None:
-        """What the service knows of the truck; None without an answer."""
+        """Return the state of the truck; None without an answer."""
         try:
-            told: list[Any] = [await self._client.read(commands.LOADING, sub, kind) for sub, kind in FIELDS]
-            left = [await self._client.read(UNEXPLAINED, k + 1, "i") for k in range(min(self._joints, JOINTS))]
+            fields: list[Any] = [await self._client.read(commands.LOADING, sub, kind) for sub, kind in FIELDS]
+            torques = [await self._client.read(UNEXPLAINED, k + 1, "i") for k in range(min(self._joints, JOINTS))]
         except SdoError:
             return None
         masses = ("total", "target", "in_part", "trailer")
-        unexplained = tuple(None if torque == not_available("i") else float(torque) for torque in left)
-        known = TruckState(*told)
-        kg = {name: KG * getattr(known, name) for name in masses}
-        return known._replace(unexplained=unexplained, **kg)
+        unexplained = tuple(None if torque == not_available("i") else float(torque) for torque in torques)
+        state = TruckState(*fields)
+        kg = {name: KG * getattr(state, name) for name in masses}
+        return state._replace(unexplained=unexplained, **kg)
 
     async def send_command(self, what: str, value: float | None) -> Reply:
-        """Send a command; `value` is its number, None for a command without one."""
-        made = command_request(what, value)
-        if made is None:
-            return Reply(False, NOT_KNOWN)
+        """Send a command; return whether it was done.
+
+        what: name of the command
+        value: its number; None for a command without one
+        """
+        request = command_request(what, value)
+        if request is None:
+            return Reply(done=False, why=NOT_KNOWN)
+        index, sub, data = request
         try:
-            await self._client.download(*made)
+            await self._client.download(index, sub, data)
         except AbortedError as error:
-            return Reply(False, f"{error.code:08X}")
+            return Reply(done=False, why=f"{error.code:08X}")
         except SdoError:
-            return Reply(False, NO_ANSWER)
+            return Reply(done=False, why=NO_ANSWER)
         asyncio.get_running_loop().call_later(SOON_S, self._soon.set)
-        return Reply(True)
+        return Reply(done=True)
 
 
 def command_request(what: str, value: float | None) -> tuple[int, int, bytes] | None:
-    """Return index, sub-index and data of a command; None for an unknown command, and for one whose number is missing,
-    outside its range or, where it names something, not whole."""
+    """Return index, sub-index and data of a command; None where it is invalid.
+
+    It is invalid if its name is unknown, or if its number is missing, outside its range or, where it names something,
+    not whole.
+    """
     fixed = {
         "zero": (commands.ZERO, 1, b"zero"),
         "tare": (commands.TARE, 1, b"tare"),

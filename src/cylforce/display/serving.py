@@ -1,5 +1,7 @@
-"""The program: one loop with the bus, the pictures and the web server. Nothing here can delay the service, which is
-another process; this one even gives way to it."""
+"""The program: one event loop with the bus, the pictures and the web server.
+
+Nothing here can delay the service, which is another process; this one runs at a lower priority.
+"""
 
 import asyncio
 import gc
@@ -26,14 +28,23 @@ from cylforce.files.atomic import Report
 from cylforce.mechanics.installation import Service
 from cylforce.signals.events import Frame
 
-PERIOD_S = 0.1  # between two pictures
-NICE = 5  # the service comes first
-STOP_S = 1  # for open pages, when the program is to stop
+PERIOD_S = 0.1  # s between two pictures; chosen
+NICE = 5  # niceness: the service has priority; chosen
+STOP_S = 1  # s that open pages get when the program stops; chosen
 
 
 class Served(NamedTuple):
-    """What is served: the machine, the records (None: none), and how: address and port, names under which it is
-    reached, PIN for changes (empty: none), marks of the target bar, language of other browsers, unit of mass."""
+    """What is served, and how.
+
+    service: settings of the machine's service
+    records: path of the records; None: none
+    host, port: address
+    names: names under which it is reached
+    pin: PIN for changes; "": none
+    marks: settings of the page
+    language: language of browsers that accept none of ours
+    unit: unit of masses
+    """
 
     service: Service
     records: Path | None
@@ -47,12 +58,12 @@ class Served(NamedTuple):
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this computer reaches the address."""
+    """Return whether only this computer reaches an address."""
     return host in LOOPBACK
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """The socket to serve on. Raises ValueError with a sentence."""
+    """Return the socket to serve on. Raises ValueError with a sentence."""
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, port), family=family, backlog=128)
@@ -63,7 +74,11 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 class Display:
-    """Bus, listener and panel, and the pictures made of them."""
+    """Bus, listener and panel, and the pictures made of them.
+
+    panel: the operator's panel
+    work, engineering: the two streams of pictures
+    """
 
     def __init__(self, served: Served, bus: Bus) -> None:
         self._bus = bus
@@ -75,12 +90,12 @@ class Display:
         self.engineering = Feed(lambda: painter.engineering(loading, now_us()))
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame from the bus."""
+        """Process a frame from the bus."""
         self._listener.on_frame(frame)
         self._network.on_frame(frame)
 
     async def paint(self, server: uvicorn.Server) -> None:
-        """New pictures, until the server is to stop: then every page is let go."""
+        """Make new pictures, until the server stops; then every page is disconnected."""
         while not server.should_exit:
             self.work.renew()
             self.engineering.renew()
@@ -116,14 +131,17 @@ async def serve_display(served: Served, bus: Bus, listening: socket.socket) -> N
         await paint
 
 
-def run_display(served: Served, bus: Bus, tell: Report) -> None:
-    """Serve until SIGTERM or SIGINT; `tell` is given the address. Raises ValueError."""
+def run_display(served: Served, bus: Bus, report: Report) -> None:
+    """Serve until SIGTERM or SIGINT. Raises ValueError.
+
+    report: called with the address
+    """
     with suppress(OSError):
         os.nice(NICE)
     gc.freeze()  # the modules stay to the end; searching them for garbage then takes seconds on a slow, busy machine
     listening = listen(served.host, served.port)
     host = f"[{served.host}]" if ":" in served.host else served.host
-    tell(f"http://{host}:{listening.getsockname()[1]}/")
+    report(f"http://{host}:{listening.getsockname()[1]}/")
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, _stopped)
     asyncio.run(serve_display(served, bus, listening))
@@ -131,4 +149,4 @@ def run_display(served: Served, bus: Bus, tell: Report) -> None:
 
 
 def _stopped(number: int, frame: FrameType | None) -> None:
-    """The server raises the signal that ended it once more, when all is done: nothing is left to do."""
+    """Ignore the signal: the server raises the one that ended it once more, when all is done."""

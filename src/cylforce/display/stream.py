@@ -1,5 +1,7 @@
-"""Server-sent events: every client gets the latest picture whenever it can take one. For a client that does not read
-nothing is kept but the one event that it has not taken yet; after some seconds it is let go."""
+"""Server-sent events: every client gets the latest picture whenever it can take one.
+
+For a client that does not read, only one event is stored; after PATIENCE_S it is disconnected.
+"""
 
 import asyncio
 import json
@@ -8,12 +10,18 @@ from typing import Any
 
 from starlette.types import Receive, Scope, Send
 
-PATIENCE_S = 10.0
-MOST = 64  # clients; one more is refused
+PATIENCE_S = 10.0  # s for which a client may not read; chosen
+MOST = 64  # clients; one more is refused; chosen
 
 
 class Feed:
-    """The latest event of one kind, and who waits for the next."""
+    """The latest event of one kind, and the clients that wait for the next.
+
+    make: returns the content of an event
+    clients: number of clients
+    latest: the last event
+    closed: whether no more events come
+    """
 
     def __init__(self, make: Callable[[], dict[str, Any]]) -> None:
         self._make = make
@@ -23,7 +31,7 @@ class Feed:
         self._next = asyncio.Event()
 
     def renew(self) -> None:
-        """A new event, made once for all clients, if there are any."""
+        """Make a new event, once for all clients, if there are any."""
         if self.clients:
             self.latest = (
                 b"data: " + json.dumps(self._make(), allow_nan=False, separators=(",", ":")).encode() + b"\n\n"
@@ -31,21 +39,22 @@ class Feed:
             self._wake()
 
     def close(self) -> None:
-        """Every client is let go."""
+        """Disconnect every client."""
         self.closed = True
         self._wake()
 
     def _wake(self) -> None:
+        """Wake the clients that wait for the next event."""
         waiting, self._next = self._next, asyncio.Event()
         waiting.set()
 
     async def next(self) -> bytes:
-        """The event after this call."""
+        """Wait for the next event and return it."""
         await self._next.wait()
         return self.latest
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one client until it goes, stops reading, or the channel closes."""
+        """Serve one client until it disconnects, stops reading, or the feed closes."""
         if self.clients >= MOST or self.closed:
             await _refused(send)
             return
@@ -58,6 +67,7 @@ class Feed:
             gone.cancel()
 
     async def _serve(self, send: Send, gone: "asyncio.Task[None]") -> None:
+        """Send events; `gone` ends when the client disconnects."""
         kind = [(b"content-type", b"text/event-stream")]
         await send({"type": "http.response.start", "status": 200, "headers": kind})
         while not self.closed and not gone.done():
@@ -71,10 +81,12 @@ class Feed:
 
 
 async def _gone(receive: Receive) -> None:
+    """Wait until the client disconnects."""
     while (await receive())["type"] != "http.disconnect":
         pass
 
 
 async def _refused(send: Send) -> None:
+    """Answer that there are too many clients."""
     await send({"type": "http.response.start", "status": 503, "headers": []})
     await send({"type": "http.response.body", "body": b"Too many pages are open."})

@@ -21,43 +21,49 @@ from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import Frame
 from cylforce.signals.units import DEGREE, KILOGRAM, MassUnit
 
-PERIOD_S = 0.2  # between two pictures
-WIDTH = 40  # characters of the target bar, which ends at 125 % of the target
-FULL = 1.25
+PERIOD_S = 0.2  # s between two pictures; chosen
+WIDTH = 40  # characters of the target bar; chosen
+FULL = 1.25  # end of the target bar, times the target; chosen
 
 
 def lines(picture: Picture, language: str, unit: MassUnit = KILOGRAM) -> Iterator[str]:
-    """The picture (`Painter.work`) as lines of text in a language, masses in a unit."""
-    say = catalogue(language).gettext
+    """Yield the picture (`Painter.work`) as lines of text.
+
+    language: language of the text
+    unit: unit of masses
+    """
+    translate = catalogue(language).gettext
     weight, truck = picture["weight"], picture["truck"]
     if weight["net"] is None:
         yield _reason(weight["reason"], language)
         yield ""
     else:
         yield f"{unit.coarse(weight['net'])} {unit.symbol} ± {unit.coarse(weight['error'])} {unit.symbol}"
-        yield f"{say(STATUSES[Status(weight['status'])])} {_reason(weight['reason'], language)}".rstrip()
-    yield f"{say('Force at the teeth')}: {_force(picture['force'], language)}"
+        yield f"{translate(STATUSES[Status(weight['status'])])} {_reason(weight['reason'], language)}".rstrip()
+    yield f"{translate('Force at the teeth')}: {_force(picture['force'], language)}"
     if truck is None:
-        yield say(SILENT_WORDS)
+        yield translate(SILENT_WORDS)
         return
     goal = f" / {unit.coarse(truck['target'])}" if truck["target"] else ""
-    load, whole = (f"{unit.coarse(truck[name])}" for name in ("loaded", "total"))
-    part = f", {say('part')} {truck['part']}" if truck["part"] > 1 else ""
-    both = f", {say('in all')} {whole} {unit.symbol}" if part else ""
-    load = f"{load}{goal} {unit.symbol}{both}"
-    yield f"{say('Truck')} {truck['number']}{part}: {load}, {say('Buckets')}: {truck['filled']}"
+    loaded, total = (f"{unit.coarse(truck[name])}" for name in ("loaded", "total"))
+    part = f", {translate('part')} {truck['part']}" if truck["part"] > 1 else ""
+    in_all = f", {translate('in all')} {total} {unit.symbol}" if part else ""
+    loaded = f"{loaded}{goal} {unit.symbol}{in_all}"
+    yield f"{translate('Truck')} {truck['number']}{part}: {loaded}, {translate('Buckets')}: {truck['filled']}"
     if truck["share"] is not None:
         yield _bar(truck["share"], truck["with_bucket"])
     yield from (f"{b['number']:6d}  {unit.coarse(b['mass'])} {unit.symbol}" for b in reversed(picture["buckets"]))
 
 
 def _reason(code: int, language: str) -> str:
-    say = catalogue(language).gettext
+    """Return a reason in a language; "" for none."""
+    translate = catalogue(language).gettext
     text = SILENT_WORDS if code == SILENT else REASONS[Reason(code)]
-    return say(text) if text else ""
+    return translate(text) if text else ""
 
 
 def _force(force: Picture, language: str) -> str:
+    """Return magnitude and direction of a force, or why there is none."""
     if force["magnitude"] is None:
         return _reason(force["reason"], language)
     turn = "" if force["direction"] is None else f", {force['direction'] / DEGREE:.0f}°"
@@ -65,7 +71,10 @@ def _force(force: Picture, language: str) -> str:
 
 
 def _bar(share: float, with_bucket: float) -> str:
-    """What is booked, what hangs in the bucket, and the target."""
+    """Return the target bar: the booked part, the bucket, and a mark at the target.
+
+    share, with_bucket: share of the target that is booked, and with the bucket that was weighed
+    """
     goal = round(WIDTH / FULL)
     booked, hanging = (min(WIDTH, max(0, round(WIDTH * part / FULL))) for part in (share, with_bucket))
     cells = "█" * booked + "▒" * max(0, hanging - booked)
@@ -76,7 +85,7 @@ def _bar(share: float, with_bucket: float) -> str:
 async def show(
     service: Service, bus: Bus, marks: Marks, language: str, console: Console, unit: MassUnit = KILOGRAM
 ) -> None:
-    """Until SIGTERM or SIGINT."""
+    """Show the page until SIGTERM or SIGINT."""
     network, listener, until = Network(bus.send), Listener(service), asyncio.Event()
     panel, painter = Panel(network, service.node_id), Painter(listener, marks)
 
@@ -91,13 +100,13 @@ async def show(
     follow = asyncio.create_task(panel.follow())
     with Live(console=console, auto_refresh=False) as live:
         while not until.is_set():
-            said = lines(painter.work(panel.loading, now_us()), language, unit)
-            live.update(Text("\n".join(said)), refresh=True)
+            text = "\n".join(lines(painter.work(panel.loading, now_us()), language, unit))
+            live.update(Text(text), refresh=True)
             await asyncio.sleep(PERIOD_S)
     follow.cancel()
 
 
 def run_terminal(service: Service, bus: Bus, marks: Marks, language: str, unit: MassUnit = KILOGRAM) -> None:
-    """Show until a signal comes."""
+    """Show the page until SIGTERM or SIGINT, then close the bus."""
     asyncio.run(show(service, bus, marks, language, Console(highlight=False), unit))
     bus.close()

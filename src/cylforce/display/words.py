@@ -1,4 +1,4 @@
-"""Everything that a page says, in the languages that there are: a language is one file, locale/LANGUAGE/."""
+"""Every text of the page, in the available languages: a language is one folder, locale/LANGUAGE/."""
 
 from gettext import NullTranslations, translation
 from importlib.resources import files
@@ -45,7 +45,7 @@ REASONS = {
     Reason.SENSORS_DISAGREE: "a sensor is wrong: the others contradict it",
     Reason.OTHER_TOOL: "empty, but off zero: other bucket? dirt? Clean it, or choose the attachment",
 }
-SILENT = "the service sends nothing"
+SILENT = "the service sends nothing"  # instead of a reason
 STATUSES = {Status.OK: "OK", Status.DEGRADED: "uncertain", Status.HOLD: "held", Status.INVALID: "no weight"}
 REFUSALS = {
     "08000022": "Not done: the weight must be OK now, or the bucket is not among the last ones of this truck.",
@@ -53,7 +53,7 @@ REFUSALS = {
     "no answer": "Not done: the service does not answer.",
     "unknown": "Not done: there is no such command, or its number is missing or out of range.",
 }
-# The page's own words: the texts in static/, which a test compares with this list.
+# Texts of the page itself: those in static/, which a test compares with this list.
 PAGE = (
     "Work", "Engineering", "History", "Night", "Day", "Zero", "Tare", "Target", "Next truck", "Cancel last", "net",
     "gross", "Truck", "Target reached", "remaining", "too much", "Last bucket", "Buckets", "booked", "on disk",
@@ -76,39 +76,45 @@ PAGE = (
 
 
 def messages() -> tuple[str, ...]:
-    """Every text that may be shown, in English."""
+    """Return every text that may be shown, in English."""
     listed = (*PAGE, *REASONS.values(), SILENT, *STATUSES.values(), *REFUSALS.values())
     return tuple(dict.fromkeys(text for text in listed if text))
 
 
 def languages() -> tuple[str, ...]:
-    """English and whatever has a file."""
+    """Return English and all languages that have a folder."""
     return (ENGLISH, *sorted(path.name for path in FOLDER.iterdir() if path.is_dir()))
 
 
 def catalogue(language: str) -> NullTranslations:
-    """The translations into a language; English for one that has no file."""
+    """Return the translations into a language; English for one that has no folder."""
     return translation(DOMAIN, FOLDER, [language], fallback=True)
 
 
 def page_words(language: str, unit: MassUnit = KILOGRAM) -> dict[str, object]:
-    """All words of a page in a language: texts by their English, reasons and statuses by their codes; the unit of its
-    masses."""
-    say = catalogue(language).gettext
+    """Return all words of a page in a language.
+
+    They are texts by their English, reasons and statuses by their codes, refusals by theirs, and the unit of masses.
+    """
+    translate = catalogue(language).gettext
     return {
         "language": language if language in languages() else ENGLISH,
-        "texts": {text: say(text) for text in messages()},
-        "reasons": {int(code): say(text) if text else "" for code, text in REASONS.items()} | {255: say(SILENT)},
-        "statuses": {int(code): say(text) for code, text in STATUSES.items()},
+        "texts": {text: translate(text) for text in messages()},
+        "reasons": {int(code): translate(text) if text else "" for code, text in REASONS.items()}
+        | {255: translate(SILENT)},
+        "statuses": {int(code): translate(text) for code, text in STATUSES.items()},
         "unit": unit._asdict(),
-        "refusals": {code: say(text) for code, text in REFUSALS.items()},
+        "refusals": {code: translate(text) for code, text in REFUSALS.items()},
     }
 
 
 def wanted(accept: str, default: str) -> str:
-    """The first language that a browser accepts and that there is."""
+    """Return the first available language that a browser accepts, else the default.
+
+    accept: value of the browser's accept-language
+    """
     for part in accept.split(","):
-        found = part.partition(";")[0].strip().partition("-")[0].lower()
-        if found in languages():
-            return found
+        language = part.partition(";")[0].strip().partition("-")[0].lower()
+        if language in languages():
+            return language
     return default
