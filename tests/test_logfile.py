@@ -250,7 +250,7 @@ FOREIGN_EVENTS = [
 def test_a_foreign_log_gets_ticks_and_our_own_frames_are_told_apart(tmp_path):
     path, told = tmp_path / "candump.log", []
     path.write_text(FOREIGN)
-    assert read(path, own=frozenset({0x18A}), report=told.append) == (None, FOREIGN_EVENTS)
+    assert read(path, own_ids=frozenset({0x18A}), report=told.append) == (None, FOREIGN_EVENTS)
     assert told == [f"{path}: 2 CAN FD or XL frames were skipped"]
 
 
@@ -364,7 +364,7 @@ def record(path, messages):
 def test_python_can_s_recordings(tmp_path, suffix):
     path = tmp_path / f"python-can{suffix}"
     record(path, MESSAGES)
-    header, events = read(path, own=frozenset({0x18A}))
+    header, events = read(path, own_ids=frozenset({0x18A}))
     start = events[0].t_us
     assert header is None
     assert start == (0 if suffix.lower() == ".asc" else S)

@@ -140,7 +140,7 @@ class Bus(ABC):
             self._delay_s = min(2.0 * self._delay_s, LAST_DELAY_S)
 
     def _reopen(self) -> None:
-        """Try to open the transport again."""
+        """Open the transport again; if that fails, try once more later."""
         if self._loop is None:
             return
         try:

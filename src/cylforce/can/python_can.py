@@ -55,6 +55,7 @@ class _Mailbox(queue.Queue[can.Message]):
         self._arrived = arrived
 
     def put(self, item: can.Message, block: bool = True, timeout: float | None = None) -> None:
+        """Store a frame and wake the receiver; the arguments are those of `queue.Queue`."""
         if self.qsize() >= _QUEUE_FRAMES:
             self.lost += 1
             return
@@ -91,6 +92,7 @@ class Virtual(PythonCan):
         self._open()
 
     def _open(self) -> None:
+        """Join the bus, with a queue that wakes the loop."""
         self._bus: virtual.VirtualBus | None = virtual.VirtualBus(self._channel)
         with virtual.channels_lock:
             # python-can's queue is replaced by one that wakes the loop
@@ -101,6 +103,7 @@ class Virtual(PythonCan):
         loop.call_soon(self._drain)
 
     def _shut(self) -> None:
+        """Leave the bus."""
         if self._bus is not None:
             self._bus.shutdown()
             self._bus = None
@@ -160,11 +163,13 @@ class Remote(PythonCan):
             raise BusError(f"{self.name}: no relay answers there ({why}): start `{relay}`") from error
 
     def _open(self) -> None:
+        """Connect to the relay."""
         self._bus = _can_remote().RemoteBus(f"ws://{self._address}")
         self._bus.socket.settimeout(1.0)  # between the bytes of one frame
         self._reader = self._bus.socket.fileno()
 
     def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Receive frames on the event loop."""
         if self._bus is None:
             return
         if self._bus.socket.fileno() < 0:  # the relay ended while the connection was opened
@@ -173,6 +178,7 @@ class Remote(PythonCan):
             loop.add_reader(self._reader, self._drain)
 
     def _shut(self) -> None:
+        """Disconnect without waiting for the relay."""
         if self._bus is None:
             return
         if self._loop is not None:

@@ -52,6 +52,7 @@ class SocketCan(Bus):
         return f"{self.name}: cannot be opened: {error}"
 
     def _open(self) -> None:
+        """Open the socket, with error frames, receive stamps, a large buffer and the filters."""
         opened = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, socket.CAN_RAW)
         try:
             opened.setsockopt(socket.SOL_CAN_RAW, _ERROR_FILTER, _ERROR_MASK)
@@ -83,6 +84,7 @@ class SocketCan(Bus):
             loop.add_reader(self._socket, self._drain, self._socket)
 
     def _shut(self) -> None:
+        """Close the socket, and keep its count of lost frames."""
         if self._socket is not None:
             self._overflow = self.overflow()
             if self._loop is not None:

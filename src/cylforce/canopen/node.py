@@ -41,6 +41,7 @@ class _Nmt(NmtSlave):
         self._node = node
 
     def on_command(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Execute an NMT command for this node or all nodes; ignore a malformed one."""
         if len(data) != 2 or data[1] not in (0, self.id):
             return
         if data[0] in (_RESET_NODE, _RESET_COMMUNICATION):
@@ -49,6 +50,7 @@ class _Nmt(NmtSlave):
             self._node.change_state(_STATES[data[0]])
 
     def on_write(self, index: int, data: bytes, **kwargs: object) -> None:
+        """Change the heartbeat with 1017h, once the node has booted."""
         if self._node.state:  # before boot-up there is no heartbeat
             super().on_write(index, data, **kwargs)
 
@@ -240,11 +242,13 @@ class Node(Objects):
             self._on_sync(_SYNC, b"", 0.0)
 
     def _on_sync(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:
+        """Send the synchronous PDOs, if operational."""
         if self.operational:
             for tpdo in self._tpdos.values():
                 tpdo.on_sync()
 
     def _poll(self, t_us: int) -> None:
+        """Check heartbeats, repeat emergencies, run event timers."""
         self.heartbeats.poll(t_us)
         self.emergencies.flush()
         if self._timers:
@@ -266,6 +270,7 @@ class Node(Objects):
                 self._ours.subscribe(0x700 + (entry >> 16 & 0x7F), self._on_heartbeat)
 
     def _on_heartbeat(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Pass a heartbeat of another node on."""
         self.heartbeats.on_heartbeat(can_id, data, self.t_us)
 
     def _peer(self, node_id: int, state: int | None) -> None:

@@ -66,6 +66,7 @@ class Objects(canopen.LocalNode):
             return None
 
     def _find_object(self, index: int, subindex: int) -> ODVariable:
+        """Return the description of an object. Raises SdoAbortedError where there is none."""
         described: ODVariable = super()._find_object(index, subindex)
         if described.subindex != subindex:  # a single variable has no other sub-index than 0
             raise SdoAbortedError(NO_SUB)

@@ -85,6 +85,7 @@ class Client:
         return f"object {index:04X}h:{sub} of node {self._node_id}"
 
     async def _transfer(self, index: int, sub: int, transfer: Callable[[int, int], Awaitable[_Result]]) -> _Result:
+        """Run a transfer after those of other tasks; convert its errors into sentences."""
         async with self._turn:
             try:
                 return await transfer(index, sub)
@@ -95,6 +96,7 @@ class Client:
                 raise NoAnswerError(f"{self._where(index, sub)}: no answer") from None
 
     async def _upload(self, index: int, sub: int) -> bytes:
+        """Read an object, expedited or in segments. Raises SdoAbortedError."""
         answer = await self._request(_HEAD.pack(0x40, index, sub) + bytes(4), 0x40)
         if answer[0] & 2:
             return answer[4 : 8 - (answer[0] >> 2 & 3) if answer[0] & 1 else 8]
@@ -110,6 +112,7 @@ class Client:
         raise SdoAbortedError(_MEMORY)
 
     async def _download(self, index: int, sub: int, data: bytes) -> None:
+        """Write an object, expedited up to four bytes, else in segments. Raises SdoAbortedError."""
         if 0 < len(data) <= 4:
             command = 0x23 | (4 - len(data)) << 2
             await self._request(_HEAD.pack(command, index, sub) + data.ljust(4, b"\0"), 0x60)
@@ -123,6 +126,7 @@ class Client:
             toggle ^= 0x10
 
     def _check_toggle(self, answer: bytes, toggle: int, index: int, sub: int) -> None:
+        """Abort a segmented transfer whose toggle bit is wrong."""
         if answer[0] & 0x10 != toggle:
             self._abort(index, sub, _TOGGLE)
             raise SdoAbortedError(_TOGGLE)
@@ -153,8 +157,10 @@ class Client:
                 return answer
 
     def _on_answer(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Queue an answer while a transfer runs."""
         if len(data) == 8 and self._turn.locked() and not self._answers.full():
             self._answers.put_nowait(bytes(data))
 
     def _abort(self, index: int, sub: int, code: int) -> None:
+        """Tell the server that a transfer is aborted."""
         self._network.send(0x600 + self._node_id, _HEAD.pack(0x80, index, sub) + pack("<I", code))

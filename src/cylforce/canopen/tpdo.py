@@ -18,7 +18,11 @@ _MOST = 8  # objects in a PDO: as many as it has bytes
 
 
 class PdoOwner(Protocol):
-    """The node that sends the PDO."""
+    """The node that sends the PDO.
+
+    data_store: bytes of every object, by index and sub-index
+    send: sends a frame (identifier, data); returns False when it was dropped
+    """
 
     data_store: dict[int, dict[int, bytes]]
     send: Callable[[int, bytes], bool]

@@ -102,6 +102,6 @@ def consistent(model: Model, tares: Tares) -> Tares:
     if not optimum.success:
         raise ValueError(
             f"no physically consistent tares were found near the fit: {optimum.message}; "
-            "identify without enforcing consistency, and check masses and lengths in the machine file"
+            "identify without --enforce, and check masses and lengths in the machine file"
         )
     return tares._replace(values=tares.values + scale * optimum.x)

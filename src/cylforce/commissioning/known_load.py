@@ -24,7 +24,7 @@ LoadEstimator = Callable[[Model, Tares, Array], Array]
 
 ALIKE = 0.1  # difference within which an estimated load is taken for the known weight, times that weight; chosen
 WRONG_SCALE = 0.01  # prior standard error of the relative scale error (areas, levers, sensor gains); chosen
-ENOUGH_SECONDS = 5.0  # s for which the weight must be seen in the air; chosen
+ENOUGH_SECONDS = 5.0  # s for which the weight must be in the air; chosen
 
 
 def with_known_load(
@@ -88,7 +88,7 @@ def _check_weight(empty: Identification, loads: Array, known_kg: float) -> None:
             f"it needs: check {CHECKED}"
         )
     raise ValueError(
-        f"no lift of {known_kg:g} kg is loads: lift the known weight clear of the ground, move it up and down for at "
+        f"no lift of {known_kg:g} kg is seen: lift the known weight clear of the ground, move it up and down for at "
         f"least {ENOUGH_SECONDS:.0f} s, set it down"
     )
 

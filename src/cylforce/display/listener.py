@@ -83,7 +83,7 @@ class Listener:
         self._forget(frame.t_us)
 
     def _forget(self, t_us: int) -> None:
-        """Remove frames older than a second from the bus load."""
+        """Drop frames older than a second from the bus load."""
         while self._traffic and t_us - self._traffic[0][0] > SECOND_US:
             self._bits -= self._traffic.popleft()[1]
 

@@ -20,7 +20,7 @@ def read_events(
     period_us: int,
     *,
     channel: str | None = None,
-    own: frozenset[int] = frozenset(),
+    own_ids: frozenset[int] = frozenset(),
     report: Report = warn,
 ) -> tuple[Header | None, Iterator[Event | Sent]]:
     """Return the header (None if the log is not ours) and the events, which are read from the file as they are
@@ -33,7 +33,7 @@ def read_events(
 
     period_us: period of the service's steps [us]
     channel: chooses one bus of several
-    own: identifiers of our node; frames with them become `Sent`
+    own_ids: identifiers of our node; frames with them become `Sent`
     report: called with a sentence about what was left out
     """
     header = log_header(path)
@@ -41,13 +41,13 @@ def read_events(
         return header, own_events(_candump(path, report, ours=True))
     lines = _one_channel(path, _lines(path, report), channel)
     frames = (Frame(line.t_us, line.can_id, line.data) for line in lines)
-    timely = without_strays((_as_event(f, own) for f in frames), period_us, str(path), report)
+    timely = without_strays((_as_event(f, own_ids) for f in frames), period_us, str(path), report)
     return None, with_ticks(timely, period_us, report, str(path))
 
 
-def _as_event(frame: Frame, own: frozenset[int]) -> Frame | Sent:
+def _as_event(frame: Frame, own_ids: frozenset[int]) -> Frame | Sent:
     """Return a frame, as `Sent` if its identifier is one of our node."""
-    return Sent(frame.t_us, frame.can_id, frame.data) if frame.can_id in own else frame
+    return Sent(frame.t_us, frame.can_id, frame.data) if frame.can_id in own_ids else frame
 
 
 def with_ticks(

@@ -43,6 +43,7 @@ class _CountedObjects(BLFReader):
     number = 0
 
     def _parse_data(self, data: bytes) -> Iterator[Message]:
+        """Yield the messages of a container, and count its objects."""
         try:
             yield from super()._parse_data(data)
         finally:  # python-can ends it by an error where an object goes on in the next container

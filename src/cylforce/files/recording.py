@@ -79,7 +79,7 @@ def open_pieces(
         known = ", ".join((*logreader.SUFFIXES, *tables.SUFFIXES))
         raise RecordingError(f"{path}: is none of the recordings that can be read ({known})")
     period_us = round(1e6 / rate_hz)
-    header, events = logreader.read_events(path, period_us, channel=channel, own=own_ids(service), report=report)
+    header, events = logreader.read_events(path, period_us, channel=channel, own_ids=own_ids(service), report=report)
     return Events(header=header, events=events)
 
 

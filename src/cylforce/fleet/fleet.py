@@ -163,7 +163,7 @@ class _Learning:
         in_si = usual._replace(**{part: getattr(usual, part) * self._unit for part in parts})
         return Fleet(quantities=self._followed, known=self._known, usual=in_si, machines=machines)
 
-    def _own(self, k: int) -> NDArray[np.intp]:
+    def _recordings_of(self, k: int) -> NDArray[np.intp]:
         """Return the numbers of the recordings of machine k."""
         return np.flatnonzero(self._levels.machine == k)
 
@@ -179,14 +179,14 @@ class _Learning:
         self, k: int, steady: tuple[Array, Array], usual: Usual, causes: Sequence[Cause]
     ) -> list[MachineChange]:
         """Return the changes of machine k; `steady`: information and pull about its constant values."""
-        own = self._own(k)
-        if len(own) < 2:
+        numbers = self._recordings_of(k)
+        if len(numbers) < 2:
             return []
         information, pull = steady
         history = History(
             t=np.array([dated.t for dated in list(self.recordings.values())[k]]),
-            information=information[own],
-            pull=pull[own],
+            information=information[numbers],
+            pull=pull[numbers],
             mean=usual.mean,
             spread=usual.between,
         )
@@ -195,15 +195,15 @@ class _Learning:
     def _healthy(self, altered: Sequence[Sequence[MachineChange]]) -> NDArray[np.intp]:
         """Return the numbers of the recordings before the first change of their machine, without single days."""
         healthy = []
-        for k, own in enumerate(map(self._own, range(len(altered)))):
+        for k, numbers in enumerate(map(self._recordings_of, range(len(altered)))):
             lasting = [a.first for a in altered[k] if a.shape is not Shape.DAY]
             single = [a.first for a in altered[k] if a.shape is Shape.DAY]
-            healthy += [own[i] for i in range(min(lasting, default=len(own))) if i not in single]
+            healthy += [numbers[i] for i in range(min(lasting, default=len(numbers))) if i not in single]
         return np.array(healthy or range(len(self._levels.machine)), dtype=np.intp)
 
     def _course(self, days: GroupedGaussians, usual: Usual, k: int, altered: Sequence[MachineChange]) -> Course:
         """Return the course of machine k; after a step the recordings before do not count as earlier."""
-        own = self._own(k)
+        numbers = self._recordings_of(k)
         firsts = sorted({0, *(a.first for a in altered if a.shape is Shape.STEP)})
-        past = np.array([max((f for f in firsts if f < i), default=0) for i in range(len(own))])
-        return course(days.chosen(own), usual, past, self._wholes[k])
+        past = np.array([max((f for f in firsts if f < i), default=0) for i in range(len(numbers))])
+        return course(days.chosen(numbers), usual, past, self._wholes[k])

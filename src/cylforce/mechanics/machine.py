@@ -127,7 +127,7 @@ class Machine:
 
     @property
     def size(self) -> int:
-        """Number of links N."""
+        """Return the number of links N."""
         return len(self.links)
 
     @cached_property

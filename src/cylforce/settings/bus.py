@@ -22,13 +22,13 @@ def own_pdos(file: MachineFile, filters: Filters, findings: Inspection) -> tuple
 
     A period below one step, and rated values too large for their objects, go to `findings`.
     """
-    own = file.publication
-    if own.period_ms * file.filter.rate_hz < 1000.0:
-        problem = f"is {own.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
+    table = file.publication
+    if table.period_ms * file.filter.rate_hz < 1000.0:
+        problem = f"is {table.period_ms}, shorter than a step of filter.rate_hz ({1e3 / file.filter.rate_hz:g} ms)"
         findings.errors.append(FaultError(("publication", "period_ms"), f"{problem}: publish no faster than that"))
-    often = max(own.force_period_ms * MILLISECOND, 1.0 / file.filter.rate_hz)
+    often = max(table.force_period_ms * MILLISECOND, 1.0 / file.filter.rate_hz)
     rated = max([file.machine.rated_payload_kg, *(other.rated_payload_kg for other in file.attachments)])
-    pdos = publication(own.node_id, own.period_ms * MILLISECOND, rated, own.rated_force_n, often, filters)
+    pdos = publication(table.node_id, table.period_ms * MILLISECOND, rated, table.rated_force_n, often, filters)
     limits: tuple[tuple[str, Key], ...] = (
         ("N", ("publication", "rated_force_n")),
         ("kg", ("machine", "rated_payload_kg")),
@@ -41,20 +41,20 @@ def own_pdos(file: MachineFile, filters: Filters, findings: Inspection) -> tuple
     return pdos
 
 
-def nodes(file: MachineFile, folder: Path, own: Iterable[Pdo], findings: Inspection) -> tuple[SensorNode, ...]:
+def nodes(file: MachineFile, folder: Path, published: Iterable[Pdo], findings: Inspection) -> tuple[SensorNode, ...]:
     """Return the sensor nodes; every error goes to `findings`.
 
     folder: folder of the EDS files
-    own: PDOs that we send
+    published: PDOs that we send
     """
     described = [findings.attempt(_node, file, k, folder) for k in range(len(file.nodes))]
-    findings.errors.extend(_same_cob_ids(described, own))
+    findings.errors.extend(_same_cob_ids(described, published))
     return tuple(node for node in described if node is not None)
 
 
-def _same_cob_ids(described: Iterable[SensorNode | None], own: Iterable[Pdo]) -> Iterator[FaultError]:
+def _same_cob_ids(described: Iterable[SensorNode | None], published: Iterable[Pdo]) -> Iterator[FaultError]:
     """Yield identifiers that are used twice."""
-    owner: dict[int, str] = {pdo.can_id: "cylforce's own publication" for pdo in own}
+    owner: dict[int, str] = {pdo.can_id: "cylforce's own publication" for pdo in published}
     for k, node in enumerate(described):
         for pdo in node.pdos if node else ():
             if pdo.can_id in owner:

@@ -30,11 +30,11 @@ SOUND_SCALE = (0.8, 1.25)  # limits of true over measured force: errors of bores
 
 
 def write_identified(
-    path: Path, found: "Identification", loaded: Loaded, recordings: Sequence[tuple[str, str]]
+    path: Path, identification: "Identification", loaded: Loaded, recordings: Sequence[tuple[str, str]]
 ) -> None:
     """Write the file whole or not at all.
 
-    found: the identification
+    identification: the identification
     loaded: the machine file
     recordings: (name, SHA-256) of each
     """
@@ -48,17 +48,17 @@ def write_identified(
             date=_now(),
             cylforce=cylforce.__version__,
         ),
-        unexplained_torque_n_m=tuple(found.tares.row_error.tolist()),
-        unexplained_correlation_s=found.tares.correlation,
-        friction_between_strokes=found.tares.between_strokes.friction,
-        zero_between_strokes_pa=found.tares.between_strokes.zero,
-        warnings=found.warnings,
-        friction=found.model.friction,
-        scale=found.tares.scale,
-        scale_standard_error=found.tares.scale_error,
-        common_scale_error=found.tares.common_error,
-        parameters=_parameters(found),
-        covariance=tuple(tuple(row) for row in found.tares.covariance.tolist()),
+        unexplained_torque_n_m=tuple(identification.tares.row_error.tolist()),
+        unexplained_correlation_s=identification.tares.correlation,
+        friction_between_strokes=identification.tares.between_strokes.friction,
+        zero_between_strokes_pa=identification.tares.between_strokes.zero,
+        warnings=identification.warnings,
+        friction=identification.model.friction,
+        scale=identification.tares.scale,
+        scale_standard_error=identification.tares.scale_error,
+        common_scale_error=identification.tares.common_error,
+        parameters=_parameters(identification),
+        covariance=tuple(tuple(row) for row in identification.tares.covariance.tolist()),
     )
     _write(path, table, "identified")
 
@@ -120,18 +120,18 @@ _COMMENT = """\
 """
 
 
-def _parameters(found: "Identification") -> tuple[IdentifiedParameter, ...]:
+def _parameters(identification: "Identification") -> tuple[IdentifiedParameter, ...]:
     """Return the identified parameters as the file has them."""
-    error = np.sqrt(np.diag(found.tares.covariance))
+    error = np.sqrt(np.diag(identification.tares.covariance))
     return tuple(
         IdentifiedParameter(
             name=p.name,
             unit=p.unit,
             value=float(value),
             standard_error=float(spread),
-            from_recording=p.name not in found.not_identified,
+            from_recording=p.name not in identification.not_identified,
         )
-        for p, value, spread in zip(found.model.parameters, found.tares.values, error, strict=True)
+        for p, value, spread in zip(identification.model.parameters, identification.tares.values, error, strict=True)
     )
 
 

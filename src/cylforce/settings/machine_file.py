@@ -143,8 +143,8 @@ def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[M
     findings.errors.extend(_filter_faults(file.filter) if "filter" in good else ())
     parts = Parts()
     if good >= BUS:
-        own = own_pdos(file, _filters(file.filter), findings)
-        parts = parts._replace(publication=own, nodes=nodes(file, folder, own, findings))
+        published = own_pdos(file, _filters(file.filter), findings)
+        parts = parts._replace(publication=published, nodes=nodes(file, folder, published, findings))
     if good >= ARM:
         built = _machine(file, good, findings)
         parts = parts._replace(machine=built, attachments=_attachments(file, built, findings) if built else ())
