@@ -1,6 +1,7 @@
 """EDS and DBC: one table, read back by independent programs, equal to the files shipped."""
 
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -117,6 +118,13 @@ def test_the_dbc_names_status_and_reason(database):
     found = database.decode_message(PUBLICATION[3].can_id, data)
     assert (str(found["payload_status"]), str(found["payload_reason"])) == ("hold", "frozen")
     assert (found["booked_count"], str(found["booked_payload"])) == (7, "no_value")
+
+
+def test_every_comment_of_the_dbc_is_about_a_signal_of_its_message():
+    signals = {(m.frame_id, s.name) for m in cantools.database.load_string(WHOLE, "dbc").messages for s in m.signals}
+    commented = {(int(can_id), name) for can_id, name in re.findall(r"CM_ SG_ (\d+) (\w+) ", WHOLE)}
+    assert commented
+    assert commented <= signals
 
 
 def test_every_frame_of_ours_is_in_the_dbc(database):

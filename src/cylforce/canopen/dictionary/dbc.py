@@ -253,8 +253,8 @@ def _signal(signal: DbcSignal) -> str:
 
 def _notes(pdo: Pdo) -> str:
     """Return bandwidth and delay of a PDO's signals as comments."""
-    noted = (field for field in pdo.fields if field.note)
-    return "".join(f'CM_ SG_ {pdo.can_id} {field.signal} "{field.note}";\n' for field in noted)
+    noted = ((signal.name, field.note) for field in pdo.fields if field.note for signal in _field(field, 0))
+    return "".join(f'CM_ SG_ {pdo.can_id} {name} "{note}";\n' for name, note in noted)
 
 
 def _types(pdo: Pdo) -> str:
