@@ -212,7 +212,10 @@ def carried_weight(model: Model, data: Factors, noise: Array, fit: Fit) -> Carri
 
 
 def with_load(model: Model, data: Factors) -> tuple[Factors, Prior]:
-    """Return factors and prior with four more parameters: mass, two moments and inertia of a load."""
+    """Return the factors and the prior of a model with four more parameters: mass, two moments and inertia of a load.
+
+    data: factors of the model's columns
+    """
     rated, moment = model.machine.rated_payload, model.machine.rated_payload * model.machine.payload_reach
     spread = np.array([2.0 * rated, moment, moment, moment * model.machine.payload_reach])
     columns = np.broadcast_to(model.load, (data.samples.shape[1], *model.load.shape))

@@ -37,7 +37,7 @@ class PackedArray(BaseModel):
 
 
 def packed(value: object) -> JsonValue:
-    """Return the state as JSON: (named) tuples as lists, arrays as their bytes, NaN and infinities as words."""
+    """Return a state as JSON: (named) tuples as lists, arrays as their bytes, NaN and infinities as words."""
     if isinstance(value, np.ndarray):
         return _packed_array(value).model_dump(mode="json")
     if isinstance(value, array):
@@ -54,7 +54,11 @@ def packed(value: object) -> JsonValue:
 
 
 def unpacked(kind: type[T], value: JsonValue) -> T:
-    """Return the state of type `kind` that was packed. Raises ValueError when the JSON is not of this type."""
+    """Return the state from its JSON, the inverse of `packed`. Raises ValueError when the JSON is not of this type.
+
+    kind: type of the state
+    value: JSON as from `packed`
+    """
     return TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True)).validate_python(_with_arrays(value))
 
 

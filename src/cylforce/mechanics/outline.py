@@ -83,7 +83,7 @@ def outline(machine: Machine, theta: Array) -> Outline:
 
 
 def hull(points: list[Place]) -> tuple[Place, ...]:
-    """Return the corners of the convex hull, anticlockwise (monotone chain, Andrew 1979)."""
+    """Return the corners of the convex hull of places x + i z, anticlockwise (monotone chain, Andrew 1979)."""
     order = sorted(set(points), key=lambda z: (z.real, z.imag))
     if len(order) < 3:
         return tuple(order)

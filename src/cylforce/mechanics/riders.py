@@ -86,6 +86,7 @@ def _joints(values: NDArray[Any]) -> list[Any]:
 def body_point(at: LinkMotion, pin: Pin) -> MovingPoint:
     """Return the motion of a point that is fixed to a body.
 
+    at: motion of the links
     pin: number of the body (0: the chassis) and place x + i z in its frame [m]
     """
     (body, local), still = pin, 0.0 * at.turn[0]
@@ -100,11 +101,13 @@ def body_point(at: LinkMotion, pin: Pin) -> MovingPoint:
 
 
 def rocker_points(at: LinkMotion, bars: FourBar) -> tuple[MovingPoint, MovingPoint]:
-    """Return the motion of the pin of a four-bar's rocker and of the rocker's end; NaN where the linkage cannot be
-    closed.
+    """Return the motion of two points: the pin of a four-bar's rocker, and the rocker's end. NaN where the linkage
+    cannot be closed.
 
     The link keeps its length, so that bar . base' = sine spin, with bar the vector from the link's pin to the rocker's
     end, base from the rocker's pin to the link's, sine = arm x bar, and spin the rocker's rotation by a joint's angle.
+
+    at: motion of the links
     """
     if bars not in at.rockers:
         at.rockers[bars] = _rocker_points(at, bars)
@@ -135,7 +138,10 @@ def _rocker_points(at: LinkMotion, bars: FourBar) -> tuple[MovingPoint, MovingPo
 
 
 def eye_point(at: LinkMotion, linkage: Linkage) -> MovingPoint:
-    """Return the motion of the cylinder's rod end; NaN where the linkage cannot be closed."""
+    """Return the motion of the rod end (eye) of a cylinder; NaN where its linkage cannot be closed.
+
+    at: motion of the links
+    """
     if not isinstance(linkage, FourBar):
         return body_point(at, linkage.pins[1])
     pin, end = rocker_points(at, linkage)
@@ -176,21 +182,24 @@ def gravity_factor(moving: Motion) -> Vector:
     return complex(factor) if moving.q.ndim == 1 else np.asarray(factor)
 
 
-def unit_mass_torque(at: MovingPoint, up: Vector, turning: Number, axis: float) -> tuple[list[Number], list[Number]]:
-    """Return momentum and static torque of a unit mass, by joints.
+def unit_mass_torque(
+    at: MovingPoint, up: Vector, slew_squared: Number, axis: float
+) -> tuple[list[Number], list[Number]]:
+    """Return momentum [kg m] and static torque [N m] of a point mass of 1 kg, one value per joint j.
 
-    p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with x_j the derivatives of its place by the joints'
-    angles, rho its distance from the slew axis.
+    p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with v the velocity of the mass, x_j the derivatives of
+    its place by the joints' angles, rho its distance from the slew axis.
 
     at: motion of the mass
     up: `gravity_factor` of the motion
-    turning: square of the slew rate Omega^2 (...,) [rad^2/s^2]
+    slew_squared: square of the slew rate Omega^2 (...,) [rad^2/s^2]
     axis: signed distance of the first pin from the slew axis [m]
     """
-    x, z, thrown = at.velocity.real, at.velocity.imag, turning * (axis + at.place.real)
+    x, z, centrifugal = at.velocity.real, at.velocity.imag, slew_squared * (axis + at.place.real)
     momentum = [g.real * x + g.imag * z for g in at.gradient]
     static = [
-        (up * g).imag - thrown * g.real - h.real * x - h.imag * z for g, h in zip(at.gradient, at.rate, strict=True)
+        (up * g).imag - centrifugal * g.real - h.real * x - h.imag * z
+        for g, h in zip(at.gradient, at.rate, strict=True)
     ]
     return momentum, static
 

@@ -37,7 +37,7 @@ _SECTIONS: dict[str, TypeAdapter[Any]] = {
 def read_sections(
     raw: Mapping[str, object], written: Mapping[str, object], findings: Inspection
 ) -> tuple[MachineFile, frozenset[str]]:
-    """Return the file with those sections that are right, and their names; every error goes to `findings`.
+    """Return the file with its valid sections, and their names; every error goes to `findings`.
 
     raw: the file in SI
     written: the file as it is

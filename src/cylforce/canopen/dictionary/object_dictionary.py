@@ -176,8 +176,9 @@ def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
 
 
 def channels(fields: Iterable[Field]) -> dict[int, Field]:
-    """Return CiA 404's channels: by number, which is the sub-index of all their objects, the field of the process
-    value.
+    """Return the fields with CiA 404's process values among the fields of PDOs, by number of their channel.
+
+    The number is the sub-index of all objects of a channel.
     """
     return {field.sub: field for field in fields if field.index in (INT16, INT32)}
 

@@ -85,7 +85,8 @@ def operating_mass(text: str) -> float:
 
 
 def size(kind: MachineType, tonnes: float) -> float:
-    """Return the length of a machine of this operating mass [t], times the example's: masses grow with lengths
-    cubed.
+    """Return the length of a machine relative to its type's example: the cube root of the ratio of operating masses.
+
+    tonnes: operating mass [t]
     """
     return float((tonnes / kind.tonnes) ** (1.0 / 3.0))

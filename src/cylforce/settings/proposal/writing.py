@@ -25,17 +25,17 @@ HEAD = """\
 PINS = ("foot", "eye", "rocker_pin", "link_pin", "inner_pin", "outer_pin")
 
 
-def text(kind: MachineType, example: str, made_of: ProposedMachine, tonnes: float, given: frozenset[str]) -> str:
+def text(kind: MachineType, example: str, proposed: ProposedMachine, tonnes: float, given: frozenset[str]) -> str:
     """Return the text of the file.
 
     example: text of the type's example
-    made_of: the proposed machine
+    proposed: the proposed machine
     tonnes: operating mass [t]
     given: keys of `figures` that came from the data sheet
     """
     document = tomlkit.parse(example[example.index("\n#\n") + 1 :])  # without the example's own introduction
-    _update(document, made_of.tables)
-    for key, words in _comments(made_of, given):
+    _update(document, proposed.tables)
+    for key, words in _comments(proposed, given):
         _comment(document, key, words)
     head = HEAD.format(title=kind.title, tonnes=tonnes, measure=MEASURE)
     return head + document.as_string()
@@ -71,9 +71,9 @@ def _item(value: object) -> Item:
     return tomlkit.item(int(value) if isinstance(value, float) and value.is_integer() else value)
 
 
-def _comments(made_of: ProposedMachine, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+def _comments(proposed: ProposedMachine, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Yield keys of the file and their comments."""
-    tables = made_of.tables
+    tables = proposed.tables
     yield ("machine", "rated_payload_kg"), _source("rated_payload_kg" in given, "data sheet, load chart")
     if "payload_reach_m" in tables["machine"]:
         words = "from the last pin to the middle of the material, at most"
@@ -81,7 +81,7 @@ def _comments(made_of: ProposedMachine, given: frozenset[str]) -> Iterator[tuple
     if "slew_axis_m" in tables["machine"]:
         yield ("machine", "slew_axis_m"), f"the boom pin lies so far before the slew axis: typical; {MEASURE}"
     for k, link in enumerate(tables["links"]):
-        yield from _of_link(k, link, made_of, given)
+        yield from _of_link(k, link, proposed, given)
     last = tables["links"][-1]["name"]
     yield ("tool", "point_m"), f"the line of the teeth; {_source(f'{last}.length_m' in given, MEASURE)}"
     for k, cylinder in enumerate(tables["cylinders"]):
@@ -89,7 +89,7 @@ def _comments(made_of: ProposedMachine, given: frozenset[str]) -> Iterator[tuple
 
 
 def _of_link(
-    k: int, link: Raw, made_of: ProposedMachine, given: frozenset[str]
+    k: int, link: Raw, proposed: ProposedMachine, given: frozenset[str]
 ) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Yield keys of link k and their comments."""
     name = link["name"]
@@ -100,7 +100,7 @@ def _of_link(
     yield ("links", k, "inertia_kg_m2"), "typical, scaled: identify corrects it"
     if k == 0 and given & set(ENVELOPE):
         yield ("links", k, "angle_range_deg"), "from the working envelope of the data sheet"
-    elif f"{name}.angle_range_deg" in made_of.narrowed:
+    elif f"{name}.angle_range_deg" in proposed.narrowed:
         words = "typical, narrowed to what its cylinder can cover"
         yield ("links", k, "angle_range_deg"), f"{words}; {MEASURE}, at both end stops"
     else:
