@@ -170,7 +170,7 @@ def _speed(machine: Machine, c: int) -> float:
 
 
 def _moved(model: Model, theta: Array, rate: Array, force: Array) -> Moved:
-    """Return the motion on level ground with cylinder forces (..., C) [N], from samples samples as `Channels` computes
+    """Return the motion on level ground with cylinder forces (..., C) [N], from four samples as `Channels` computes
     it.
     """
     half, level = rate * (model.channels.dt / 2.0), np.zeros((*theta.shape[:-1], 3))

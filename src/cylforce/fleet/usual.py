@@ -162,7 +162,7 @@ def _evenly(members: GroupedGaussians) -> GroupedGaussians:
 def _deviations(
     members: GroupedGaussians, flat: tuple[Array, Array], variance: Array, parallel_map: ParallelMap
 ) -> tuple[Array, Array]:
-    """Return means and variances (N, K) of the deviation d of members member from its group's common value c.
+    """Return means and variances (N, K) of the deviation d of each member from its group's common value c.
 
     With information L and pull l of a member about c, d = V (l - L c), with the posterior variance V - V L V; c itself
     has the covariance C.

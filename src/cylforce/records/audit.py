@@ -64,7 +64,7 @@ def append(connection: sqlite3.Connection, audit: Audit) -> int:
 
 
 def append_if_changed(connection: sqlite3.Connection, audit: Audit, subject: str) -> None:
-    """Append an entry whose text begins with `subject`, unless the last entry subject it is the same."""
+    """Append an entry whose text begins with `subject`, unless the last entry about it is the same."""
     query = "SELECT what FROM audit WHERE substr(what, 1, length(?)) = ? ORDER BY number DESC LIMIT 1"
     last = connection.execute(query, (subject, subject)).fetchone()
     if last is None or last[0] != audit.what:

@@ -108,7 +108,7 @@ def _check_inclination(machine: Machine, signal: Signal, key: Key, findings: Ins
 
 
 def _check_name(machine: Machine, signal: Signal, key: Key, findings: Inspection) -> None:
-    """Warn of a name that contains another side or place than the sensor's side."""
+    """Warn of a name that contains another side or place than the sensor's own."""
     words = signal.name.lower().split("_")
     side, other = SIDES.get(signal.kind, ("", ""))
     if other in words and side not in words:
