@@ -344,7 +344,7 @@ def test_the_65th_page_is_refused(monkeypatch):
     assert Web().ask("GET", "/stream/work").status_code == 503
 
 
-CALLS = (r"\b(?:t|say)\(['\"]([^'\"]+)['\"]\)", r'data-t="([^"]+)"', r'massed\("\w+", "([^"]+)"')
+CALLS = (r"\b(?:t|translate)\(['\"]([^'\"]+)['\"]\)", r'data-t="([^"]+)"', r'massed\("\w+", "([^"]+)"')
 
 
 def test_every_word_of_the_page_is_known_and_every_known_one_is_used():

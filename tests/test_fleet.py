@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis.numbers import MASS
-from cylforce.fleet.causes import Cause
+from cylforce.fleet.causes import ChangeCause
 from cylforce.fleet.changes import Shape, changes
 from cylforce.fleet.courses import course
 from cylforce.fleet.gaussians import GroupedGaussians, with_added_variance
@@ -15,8 +15,8 @@ SIZE = 3
 DAYS, WITHIN, BETWEEN = np.array([1.0, 0.6, 2.0]), np.array([0.5, 0.5, 0.5]), np.array([10.0, 5.0, 20.0])
 MEAN = np.array([100.0, -50.0, 0.0])
 CULPRITS = [
-    *(Cause(name, "", "1", np.eye(SIZE)[:, [k]], np.array([[3.0], [10.0]]), 1.0) for k, name in enumerate("abc")),
-    Cause("unknown", "", "", np.eye(SIZE), np.array([5.0, 25.0])[:, None] * DAYS, 0.0),
+    *(ChangeCause(name, "", "1", np.eye(SIZE)[:, [k]], np.array([[3.0], [10.0]]), 1.0) for k, name in enumerate("abc")),
+    ChangeCause("unknown", "", "", np.eye(SIZE), np.array([5.0, 25.0])[:, None] * DAYS, 0.0),
 ]
 
 

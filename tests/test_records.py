@@ -121,7 +121,7 @@ class Put:
     def put(self, change):
         self.changes.append(change)
 
-    def look(self):
+    def report_failure(self):
         pass
 
     def set_value(self, index, sub, value):

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from cylforce.diagnosis.numbers import MASS
 from cylforce.fleet import fleet as module
-from cylforce.fleet.causes import Cause
+from cylforce.fleet.causes import ChangeCause
 from cylforce.fleet.changes import MachineChange, Shape, changes
 from cylforce.fleet.fleet import Dated, Fleet, fleet
 from cylforce.fleet.history import History
@@ -47,14 +47,14 @@ class Field(NamedTuple):
     machine: Machine
     histories: Sequence[History]
     changed: Sequence[tuple[History, Faulty]]
-    found: Sequence[Cause]
+    found: Sequence[ChangeCause]
 
 
 def field(kind: OfType, truth: Mapping[str, Faulty], recordings: Mapping[str, Sequence[Dated]]) -> Field:
     """Of the machines of a type."""
-    seen: list[tuple[History, Sequence[Cause]]] = []
+    seen: list[tuple[History, Sequence[ChangeCause]]] = []
 
-    def keeping(history: History, found: Sequence[Cause]) -> list[MachineChange]:
+    def keeping(history: History, found: Sequence[ChangeCause]) -> list[MachineChange]:
         seen.append((history, found))
         return changes(history, found)
 

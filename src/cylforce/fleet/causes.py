@@ -27,7 +27,7 @@ SINGLE: dict[str, About] = {
 }
 
 
-class Cause(NamedTuple):
+class ChangeCause(NamedTuple):
     """A possible cause of a change in a machine with K quantities.
 
     name: name in the library of effects
@@ -46,7 +46,7 @@ class Cause(NamedTuple):
     least: float
 
 
-def possible_causes(machine: Machine, known: Sequence[Coordinate], days: Array) -> tuple[Cause, ...]:
+def possible_causes(machine: Machine, known: Sequence[Coordinate], days: Array) -> tuple[ChangeCause, ...]:
     """Return all possible causes of a change in a machine.
 
     known: (K,) its quantities
@@ -59,7 +59,7 @@ def possible_causes(machine: Machine, known: Sequence[Coordinate], days: Array) 
             about = SINGLE[c.quantity]
             spreads = np.geomspace(about.low, about.high, SIZES)[:, None]
             causes.append(
-                Cause(
+                ChangeCause(
                     name=about.name,
                     at=c.at,
                     unit=c.unit,
@@ -71,11 +71,11 @@ def possible_causes(machine: Machine, known: Sequence[Coordinate], days: Array) 
         elif c.quantity == CARRIED:
             causes.append(_mass(machine, c, unit))
     factors = np.array(BEYOND)[:, None] * days
-    unknown = Cause(name=UNKNOWN, at="", unit="", directions=np.eye(len(known)), spreads=factors, least=0.0)
+    unknown = ChangeCause(name=UNKNOWN, at="", unit="", directions=np.eye(len(known)), spreads=factors, least=0.0)
     return (*causes, unknown)
 
 
-def _mass(machine: Machine, carried: Coordinate, unit: Array) -> Cause:
+def _mass(machine: Machine, carried: Coordinate, unit: Array) -> ChangeCause:
     """Return a mass anywhere along a link, on it rather than far above it, as a cause."""
     effect, about = ExtraMass(), ExtraMass().about
     link = next(j for j in machine.rows if machine.links[j].name == carried.at)
@@ -85,6 +85,6 @@ def _mass(machine: Machine, carried: Coordinate, unit: Array) -> Cause:
     arms = np.array([1.0, along, across, along**2])
     spreads = np.geomspace(about.low, about.high, SIZES)[:, None] * arms
     directions = np.column_stack([unit, moments[:, 1:]])
-    return Cause(
+    return ChangeCause(
         name=about.name, at=carried.at, unit=about.unit, directions=directions, spreads=spreads, least=about.low
     )

@@ -1,7 +1,7 @@
 """Find which machine changed, when, and what: every change at every recording against none, by Bayes' rule.
 
 On recording k a machine's quantities are x = c + d_k, constant values and day-to-day differences. After a change x = c
-+ d_k + w_k B s, with B the directions of a `Cause`, s its sizes, and w_k the course: 0 before and 1 after a step,
++ d_k + w_k B s, with B the directions of a `ChangeCause`, s its sizes, and w_k the course: 0 before and 1 after a step,
 rising in proportion to time after a bend, 1 on a single day. Everything is normal, so that all but course and cause is
 integrated out (see `History`).
 """
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.numbers import HAPPENS, IN_ORDER, MASS
-from cylforce.fleet.causes import FRICTIONS, UNKNOWN, Cause
+from cylforce.fleet.causes import FRICTIONS, UNKNOWN, ChangeCause
 from cylforce.fleet.history import History
 from cylforce.signals.estimate import Array
 
@@ -105,7 +105,7 @@ class _Posterior(NamedTuple):
         return float(np.logaddexp(self.none, _log_sum(np.concatenate([of_cause.ravel() for of_cause in self.logs]))))
 
 
-def changes(history: History, causes: Sequence[Cause], sure: float = MASS) -> list[MachineChange]:
+def changes(history: History, causes: Sequence[ChangeCause], sure: float = MASS) -> list[MachineChange]:
     """Return all changes of a machine with at least the probability `sure`, the most probable first.
 
     Single days that differ are among them, but do not count for the limit MOST_CHANGES. Where there are several
@@ -142,7 +142,7 @@ class _Placed(NamedTuple):
 
     change: MachineChange
     course: Array
-    cause: Cause
+    cause: ChangeCause
 
 
 def _with_known(history: History, known: Sequence[_Placed]) -> History:
@@ -151,12 +151,12 @@ def _with_known(history: History, known: Sequence[_Placed]) -> History:
     return replace(history, courses=courses)
 
 
-def _other_causes(causes: Sequence[Cause], known: Sequence[_Placed]) -> list[Cause]:
+def _other_causes(causes: Sequence[ChangeCause], known: Sequence[_Placed]) -> list[ChangeCause]:
     """Return the causes that are not the cause of a known change under another name."""
     return [c for c in causes if not any(_same(c, placed.change) for placed in known)]
 
 
-def _same(c: Cause, change: MachineChange) -> bool:
+def _same(c: ChangeCause, change: MachineChange) -> bool:
     """Return whether a cause is that of a change under another name."""
     return c.at == change.at and {c.name, change.name} <= FRICTIONS
 
@@ -181,7 +181,7 @@ def _possible_courses(history: History) -> _Courses:
     return _Courses(course=course, shape=shape, first=first, prior=np.where(alive[first], prior, 1e-300))
 
 
-def _posterior(history: History, causes: Sequence[Cause], courses: _Courses) -> _Posterior:
+def _posterior(history: History, causes: Sequence[ChangeCause], courses: _Courses) -> _Posterior:
     """Return the posterior of every cause along every course, and of no change."""
     information, pull = history.evidence_of(courses.course)
     shares = dict.fromkeys(((c.name, c.at) for c in causes), 0)
@@ -196,7 +196,7 @@ def _posterior(history: History, causes: Sequence[Cause], courses: _Courses) -> 
     return _Posterior(logs=tuple(logs), none=float(np.log(IN_ORDER)))
 
 
-def _evidence(information: Array, pull: Array, causes: Sequence[Cause]) -> list[Array]:
+def _evidence(information: Array, pull: Array, causes: Sequence[ChangeCause]) -> list[Array]:
     """Return the logarithm of the Bayes factor (H, G) of each cause; causes of equal shapes are computed at once."""
     factors: dict[int, Array] = {}
     alike: dict[tuple[int, ...], list[int]] = {}
@@ -231,7 +231,7 @@ def _bayes_factors(information: Array, pull: Array, directions: Array, spreads: 
     return np.asarray(0.5 * gain - np.sum(np.log(pivots[..., :-1]), axis=-1))
 
 
-def _likeliest(history: History, causes: Sequence[Cause], sure: float) -> _Placed | None:
+def _likeliest(history: History, causes: Sequence[ChangeCause], sure: float) -> _Placed | None:
     """Return the most probable change; None when its probability is below `sure`, or its size is below the cause's
     least.
     """
@@ -271,7 +271,7 @@ def _likeliest(history: History, causes: Sequence[Cause], sure: float) -> _Place
     return _Placed(change=change, course=courses.course[h], cause=cause)
 
 
-def _size(history: History, c: Cause, course: Array, logs: Array) -> tuple[float, float]:
+def _size(history: History, c: ChangeCause, course: Array, logs: Array) -> tuple[float, float]:
     """Return the size of a cause along one course (1, n), and its standard error."""
     (information,), (pull,) = history.evidence_of(course)
     spread = c.spreads[int(np.argmax(logs))]
@@ -280,7 +280,7 @@ def _size(history: History, c: Cause, course: Array, logs: Array) -> tuple[float
     return float((covariance @ (c.directions.T @ pull))[0]), float(np.sqrt(covariance[0, 0]))
 
 
-def _shares(causes: Sequence[Cause], probability: Array) -> list[CauseShare]:
+def _shares(causes: Sequence[ChangeCause], probability: Array) -> list[CauseShare]:
     """Return the probabilities by name and place, the largest first."""
     total: dict[tuple[str, str], float] = {}
     for c, p in zip(causes, probability.tolist(), strict=True):

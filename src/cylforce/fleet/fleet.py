@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.estimation.model import Model
-from cylforce.fleet.causes import Cause, possible_causes
+from cylforce.fleet.causes import ChangeCause, possible_causes
 from cylforce.fleet.changes import LONGEST, MachineChange, Shape, changes
 from cylforce.fleet.coordinates import Coordinate, coordinates, data_sheet, joint_coordinates, joint_directions
 from cylforce.fleet.courses import Course, course
@@ -176,7 +176,7 @@ class _Learning:
         return self.parallel_map(lambda k: self._of_machine(k, steady, usual, scaled), machines)
 
     def _of_machine(
-        self, k: int, steady: tuple[Array, Array], usual: Usual, causes: Sequence[Cause]
+        self, k: int, steady: tuple[Array, Array], usual: Usual, causes: Sequence[ChangeCause]
     ) -> list[MachineChange]:
         """Return the changes of machine k; `steady`: information and pull about its constant values."""
         numbers = self._recordings_of(k)
