@@ -44,6 +44,7 @@ def weighings(model: Model, data: Factors, values: Array, row_error: Array) -> A
     grams = np.einsum("brki,brkj->bij", *[_projected(model, data, values) / row_error[:, None, None]] * 2)
     grams = grams[: len(grams) // BLOCKS * BLOCKS].reshape(-1, BLOCKS, 5, 5).sum(axis=1)
     prior = np.diag(load_spread(model.machine) ** -2.0) / correlated(model.filters)
+    # (m, m x, m z, J) = (X'X + P0^-1)^-1 X'r of each weighing; its first component is the weight, its variance by noise
     inverse = np.linalg.inv(grams[:, :4, :4] + prior)
     mass = np.einsum("wi,wi->w", inverse[:, 0], grams[:, :4, 4])
     variance = inverse[:, 0, 0]
@@ -73,6 +74,7 @@ def between_strokes(model: Model, whole: Factors, values: Array, row_error: Arra
     spread, kind = drift_spread(model, values, EXPECTED), kinds(model)
     scale = np.ones(2)
     for _ in range(STEPS):
+        # expectation: drift of each stroke and its covariance; maximisation: k^2 of friction (0) and zeros (1)
         prior = (scale[kind] * spread) ** 2
         covariance = np.linalg.inv(gram + np.diag(1.0 / prior))
         drift = np.einsum("gij,gj->gi", covariance, vector)

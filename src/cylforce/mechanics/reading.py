@@ -87,6 +87,7 @@ def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array
         """Return the second time derivative of fitted parabolas."""
         return np.asarray(savgol_filter(x, window, 2, deriv=2, delta=step, axis=0))
 
+    # torque about the joint: sum of (centre - pin) x m (a + g) and I d^2(angle)/dt^2 over the links from it outwards
     pushed = (accelerated(centre.real) + 1j * (accelerated(centre.imag) + machine.gravity)) * [x.mass for x in links]
     turned = accelerated(angles.cumsum(axis=1)) * [link.inertia for link in links]
     about = (np.conj(centre - at.origin[:, 1 + joint, None]) * pushed).imag

@@ -119,20 +119,24 @@ def _rocker_points(at: LinkMotion, bars: FourBar) -> tuple[MovingPoint, MovingPo
     pin, link = body_point(at, bars.rocker_pin), body_point(at, bars.link_pin)
     base, gradient, rate = link.place - pin.place, _less(link.gradient, pin.gradient), _less(link.rate, pin.rate)
     arm = _arm(bars, base)
-    bar = arm - base
+    bar = arm - base  # link pin -> rocker end
     inverse = _inverse(_cross(arm, bar))
     both = min(bars.rocker_pin[0], bars.link_pin[0])  # the joints that turn the whole linkage
-    spin = [1.0] * both + [_dot(bar, g) * inverse for g in gradient[both:]]
+    spin = [1.0] * both + [_dot(bar, g) * inverse for g in gradient[both:]]  # bar . base'_j / (arm x bar)
+    # d(arm)/dt = i arm sum_j spin_j d(theta_j)/dt, the joint rates being differences of the links' rates
     velocity = 1j * arm * sum(s * w for s, w in zip(spin, [at.qd[0], *_less(at.qd[1:], at.qd)], strict=True))
-    speed = velocity - link.velocity + pin.velocity
-    grows = _cross(velocity, bar) + _cross(arm, speed)
+    bar_velocity = velocity - link.velocity + pin.velocity
+    cross_rate = _cross(velocity, bar) + _cross(arm, bar_velocity)  # d(arm x bar)/dt
     swinging = zip(spin[both:], gradient[both:], rate[both:], strict=True)
-    gains = [0.0] * both + [(_dot(speed, g) + _dot(bar, h) - grows * s) * inverse for s, g, h in swinging]
+    # d(spin_j)/dt by the quotient rule
+    spin_rate = [0.0] * both + [
+        (_dot(bar_velocity, g) + _dot(bar, h) - cross_rate * s) * inverse for s, g, h in swinging
+    ]
     end = MovingPoint(
         pin.place + arm,
         pin.velocity + velocity,
         [g + 1j * arm * s for g, s in zip(pin.gradient, spin, strict=True)],
-        [h + 1j * (velocity * s + arm * z) for h, s, z in zip(pin.rate, spin, gains, strict=True)],
+        [h + 1j * (velocity * s + arm * z) for h, s, z in zip(pin.rate, spin, spin_rate, strict=True)],
     )
     return pin, end
 
@@ -160,19 +164,24 @@ def eye_point(at: LinkMotion, linkage: Linkage) -> MovingPoint:
 
 def point_on_line(foot: MovingPoint, end: MovingPoint, distance: float) -> MovingPoint:
     """Return the motion of the point on the line from `foot` to `end`, at a fixed distance [m] from the foot."""
-    line, speed = end.place - foot.place, end.velocity - foot.velocity
+    line, line_velocity = end.place - foot.place, end.velocity - foot.velocity
     inverse = _inverse(_size(line))
-    along = line * inverse
-    across, turning = 1j * along, _dot(1j * along, speed) * inverse
-    grows = _dot(along, speed) * inverse
-    swings = [_dot(across, b - a) * inverse for a, b in zip(foot.gradient, end.gradient, strict=True)]
+    along = line * inverse  # unit vector u of the line
+    across, turning = 1j * along, _dot(1j * along, line_velocity) * inverse  # i u; d(angle of the line)/dt
+    growth = _dot(along, line_velocity) * inverse  # d(length)/dt over the length
+    swings = [_dot(across, b - a) * inverse for a, b in zip(foot.gradient, end.gradient, strict=True)]  # by theta_j
     slopes = zip(foot.gradient, end.gradient, foot.rate, end.rate, swings, strict=True)
-    gains = [(_dot(across, d - c) - turning * _dot(along, b - a)) * inverse - grows * s for a, b, c, d, s in slopes]
+    swing_rates = [
+        (_dot(across, d - c) - turning * _dot(along, b - a)) * inverse - growth * s for a, b, c, d, s in slopes
+    ]
     return MovingPoint(
         foot.place + distance * along,
         foot.velocity + distance * turning * across,
         [a + distance * s * across for a, s in zip(foot.gradient, swings, strict=True)],
-        [h + distance * (z * across - turning * s * along) for h, s, z in zip(foot.rate, swings, gains, strict=True)],
+        [
+            h + distance * (z * across - turning * s * along)
+            for h, s, z in zip(foot.rate, swings, swing_rates, strict=True)
+        ],
     )
 
 
