@@ -1,0 +1,212 @@
+"""From hypotheses with their evidence to probabilities, and from probabilities to the answer that costs least."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from cylforce.diagnosing.constants import (
+    COSTS,
+    CREDIBLE,
+    FEW_BLOCKS,
+    HALF,
+    HEALTHY,
+    LAW_ERROR,
+    SAME_EVIDENCE,
+    SAME_MACHINE,
+    SECOND_EFFECT,
+    UNKNOWN_EFFECT,
+)
+from cylforce.diagnosing.likelihood import effective_share
+from cylforce.diagnosing.search import CONTACT, NO_GAP, UNKNOWN, Candidate, Found, Incident, Key
+
+SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
+
+
+class Verdict(StrEnum):
+    """What is concluded."""
+
+    NO_GAP = "no_gap"
+    EXPLAINED = "explained"
+    PARTLY = "partly_explained"
+    AMBIGUOUS = "ambiguous"
+    UNKNOWN = "unknown"
+    NOT_OBSERVABLE = "not_observable"
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The hypotheses that compete, some of them withdrawn.
+
+    found:     everything that the search found
+    withdrawn: causes that their simulation refutes, or that are the same answer as another one
+    sure:      whether a healthy machine is excluded: the gap is larger than any healthy machine's
+    """
+
+    found: Found
+    withdrawn: frozenset[Key] = frozenset()
+    sure: bool = False
+
+    @cached_property
+    def candidates(self) -> list[Candidate]:
+        """Hypotheses of effects that last."""
+        return [c for c in self.found.candidates if not self.keys(c) & self.withdrawn]
+
+    @cached_property
+    def incidents(self) -> list[Incident]:
+        """What happens in single blocks alone."""
+        return [i for i in self.found.incidents if i.key not in self.withdrawn]
+
+    def keys(self, c: Candidate) -> frozenset[Key]:
+        """Return name and place of the effects of a hypothesis."""
+        return frozenset(self.found.key(p) for p in c.hypothesis.forms)
+
+    @cached_property
+    def _best(self) -> dict[frozenset[Key], float]:
+        found: dict[frozenset[Key], float] = {}
+        for c in self.candidates:
+            found[self.keys(c)] = max(c.log, found.get(self.keys(c), -np.inf))
+        return found
+
+    def without(self, c: Candidate, key: Key) -> float:
+        """Return the log of what the other effects of a hypothesis, or some of them, explain at best."""
+        others = self.keys(c) - {key}
+        return max(log for some, log in self._best.items() if some <= others)
+
+    def main(self, c: Candidate) -> Key:
+        """Return the effect of a hypothesis without which most is lost."""
+        return min(self.keys(c), key=lambda k: (self.without(c, k), k))
+
+    # Prior
+
+    @cached_property
+    def _names(self) -> int:
+        names = {f.name for f in self.found.question.forms} | {i.key[0] for i in self.found.incidents}
+        return len(names - {UNKNOWN[0]})
+
+    @cached_property
+    def _prior(self) -> list[float]:
+        """Log prior of each form: alike for all names, and for all places and forms of a name."""
+        forms, found = self.found.question.forms, []
+        for form in forms:
+            places = len({f.at for f in forms if f.name == form.name})
+            shapes = sum(f.key == form.key for f in forms)
+            whole = UNKNOWN_EFFECT if form.name == UNKNOWN[0] else (1.0 - HEALTHY - UNKNOWN_EFFECT) / self._names
+            found.append(float(np.log(whole / places / shapes)))
+        return found
+
+    def prior_of(self, c: Candidate) -> float:
+        """Return the log prior probability of a hypothesis."""
+        if not c.hypothesis.forms:
+            return float(np.log(HEALTHY))
+        more = len(c.hypothesis.forms) - 1
+        return sum(self._prior[p] for p in c.hypothesis.forms) + more * float(np.log(SECOND_EFFECT))
+
+    def prior_of_incident(self, i: Incident) -> float:
+        """Return the log prior probability of something that happens in single blocks."""
+        if i.key == UNKNOWN:
+            return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
+        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self._names))
+
+    # Posterior
+
+    @cached_property
+    def gap(self) -> float:
+        """Gap at the worst joint before any effect, in noise floors."""
+        return float(np.max(self.found.gaps))
+
+    def explained(self, rest: float) -> float:
+        """Return the share of the gap's energy beyond the floor that goes; 1 where only a healthy residual remains."""
+        gap, left = self.gap**2 - 1.0, rest**2 - 1.0
+        return 1.0 - left / gap if min(gap, left) > SAME_MACHINE else 1.0
+
+    @cached_property
+    def strength(self) -> float:
+        """Factor that tempers all evidence, by the residual of the likeliest hypothesis."""
+        each = [(c.log + self.prior_of(c), c.rest) for c in self.candidates]
+        each += [(i.log + self.prior_of_incident(i), i.rest) for i in self.incidents]
+        return effective_share(max(each)[1])
+
+    @cached_property
+    def weights(self) -> tuple[list[float], list[float]]:
+        """Posterior weights of the candidates and of the incidents; the largest is 1."""
+        none = self.found.healthy.log
+        logs = [self.strength * (c.log - none) + self.prior_of(c) for c in self.candidates]
+        logs += [self.strength * (i.log - none) + self.prior_of_incident(i) for i in self.incidents]
+        weights = np.exp(np.array(logs) - np.max(logs)).tolist()
+        return weights[: len(self.candidates)], weights[len(self.candidates) :]
+
+    def lawful(self, c: Candidate) -> float:
+        """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law."""
+        usual = c.hypothesis.noise.probability_usual(self.found.case.machine.noise)
+        gap = self.gap**2 - 1.0
+        if not c.hypothesis.forms or gap <= 0.0:
+            return usual
+        return usual + (1.0 - usual) * float(np.exp(-0.5 * max(c.rest**2 - 1.0, 0.0) / gap / LAW_ERROR**2))
+
+    @cached_property
+    def posterior(self) -> dict[Key, float]:
+        """Probability of no gap, of every effect at its place, and of a cause that the library lacks.
+
+        A hypothesis counts as unknown as far as its residual is neither a healthy one nor the error of its law, and
+        where it explains less than half of the gap.
+        """
+        found: dict[Key, float] = {NO_GAP: 0.0, UNKNOWN: 0.0}
+        for c, weight in zip(self.candidates, self.weights[0], strict=True):
+            lawful = self.lawful(c) * float(not c.hypothesis.forms or self.explained(c.rest) >= HALF)
+            key = self.main(c) if c.hypothesis.forms else NO_GAP
+            found[key] = found.get(key, 0.0) + weight * lawful
+            found[UNKNOWN] += weight * (1.0 - lawful)
+        for i, weight in zip(self.incidents, self.weights[1], strict=True):
+            key = self.key_of(i)
+            found[key] = found.get(key, 0.0) + weight
+        if self.sure:
+            found[NO_GAP] = 0.0
+        whole = sum(found.values())
+        return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
+
+    def key_of(self, i: Incident) -> Key:
+        """Return what an incident stands for.
+
+        Transients whose removal does not change the residual beyond that of a healthy machine are no gap. Contact in
+        most blocks is work, and no effect of its own.
+        """
+        if i.before**2 - 1.0 <= SAME_MACHINE:
+            return NO_GAP
+        working = i.key[0] == CONTACT and i.share > FEW_BLOCKS
+        return i.key if not working and self.explained(i.rest) >= HALF else UNKNOWN
+
+    @property
+    def first(self) -> Key:
+        """The likeliest answer."""
+        return max(self.posterior, key=lambda k: self.posterior[k])
+
+    @property
+    def credible(self) -> tuple[Key, ...]:
+        """The smallest set with CREDIBLE of the probability, the likeliest first."""
+        found, mass = list[Key](), 0.0
+        for key, p in sorted(self.posterior.items(), key=lambda item: -item[1]):
+            found.append(key)
+            mass += p
+            if mass >= CREDIBLE:
+                break
+        return tuple(found)
+
+    @cached_property
+    def alone(self) -> Mapping[Key, float]:
+        """Log of the most probable form of every effect by itself."""
+        found: dict[Key, float] = {}
+        for c in self.candidates:
+            if len(c.hypothesis.forms) == 1 and c.incident is None:
+                key = self.found.key(c.hypothesis.forms[0])
+                found[key] = max(found.get(key, -np.inf), c.log)
+        for i in self.incidents:
+            found[i.key] = max(found.get(i.key, -np.inf), i.log)
+        return found
+
+    def best_of(self, key: Key) -> Candidate | None:
+        """Return the most probable hypothesis whose main effect this is."""
+        own = [c for c in self.candidates if c.hypothesis.forms and self.main(c) == key]
+        return max(own, key=lambda c: c.log + self.prior_of(c)) if own else None

@@ -1,0 +1,674 @@
+"""The search for the most probable hypotheses: screening of all forms at once, a small beam of more and more effects,
+then the first ones again with their columns at the magnitudes found, and with their shape parameters refined."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from cylforce.diagnosing.constants import (
+    BLOCK_ROWS,
+    FEW_BLOCKS,
+    HEALTHY,
+    INCIDENT_SIZES,
+    SAME_MACHINE,
+    SECOND_EFFECT,
+    UNKNOWN_EFFECT,
+)
+from cylforce.diagnosing.likelihood import (
+    FREE_PRECISION,
+    VARIATIONS,
+    Form,
+    Hypothesis,
+    Likelihood,
+    Machine,
+    Nuisance,
+    ResidualNoise,
+    _Marginal,
+    _positive,
+    effective_share,
+    likeliest_noise,
+    log_evidence,
+    log_prior_of_blocks,
+)
+from cylforce.diagnosing.model import (
+    CENTRE,
+    GROWTH_S,
+    HealthyMachine,
+    Seen,
+    Source,
+    forms_of,
+    lasting,
+)
+from cylforce.diagnosing.regressors import LOAD_CENTRE, Regressors
+from cylforce.diagnosing.statistics import Blocks, Gram, Mask, SharedNoise, rms
+from cylforce.effects.fault import BEYOND, INCIDENTAL, TimeCourse
+from cylforce.effects.imposed import Imposed
+from cylforce.effects.library import Proposal
+from cylforce.effects.loads.tip_force import TipForce
+from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
+from cylforce.signals.estimate import Array
+
+Key = tuple[str, str]  # name and place of an effect
+NO_GAP: Key = ("no_gap", "")
+UNKNOWN: Key = ("unknown", "")
+CONTACT = TipForce().about.name
+GLITCH = "intermittent_glitch"
+STEP_COLUMNS = ("load.mass", "load.X", "load.Z")
+WIDTH, DEEPEST, REFINED = 2, 8, 8  # of the beam: hypotheses kept, effects at most, forms tried beside each
+AGAIN = 6  # hypotheses whose columns are computed again at their magnitudes
+CORRECTIONS = 3  # rounds of columns at the magnitudes found
+STILL = 0.03  # of a magnitude: a smaller change of it does not bend its columns
+KEPT_ROWS = 0.5  # of the rows, that must stay usable when a recording is corrected
+SETTLING = 4  # rounds in which the blocks of an incident are found
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """A known load becomes another one: in block `first` of all blocks, which does not count, until before `last`."""
+
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Applied:
+    """An effect with the sizes (M,) [SI] for which recordings are corrected."""
+
+    proposal: Proposal
+    sizes: Array
+
+    @property
+    def imposed(self) -> Imposed:
+        """The effect as the simulated machine has it."""
+        sizes = self.sizes / np.array([1.0, GROWTH_S]) if self.proposal.clock else self.sizes
+        return Imposed(self.proposal.group, self.proposal.at, self.proposal.where, tuple(sizes.tolist()))
+
+
+@dataclass(frozen=True)
+class Question:
+    """Recordings under diagnosis beside a healthy machine.
+
+    machine: the healthy machine
+    seen:    the recordings, with the shared sensor noise of each
+    step:    when a known load may have changed
+    laid:    rows of each recording that count, in whole blocks; None: all rows of all
+    noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings took away
+    applied: what the recordings are corrected for, by form
+    support: evidence [nats] for a form of given sizes from elsewhere
+    """
+
+    machine: HealthyMachine
+    seen: tuple[Seen, ...]
+    step: LoadStep | None = None
+    laid: tuple[Array | None, ...] | None = None
+    noise: Array | None = None
+    applied: Mapping[int, Array] = field(default_factory=dict)
+    support: Callable[[int, Array], float] | None = None
+    free: bool = False
+
+    @cached_property
+    def loaded(self) -> list[str]:
+        """Names of the recordings with a known load."""
+        return list(dict.fromkeys(s.recording.name for s in self.seen if s.recording.load_kg))
+
+    @cached_property
+    def size(self) -> int:
+        """K', number of columns: those of the machine, where each load hangs, the change of a load."""
+        return self.machine.layout.size + CENTRE * len(self.loaded) + (len(STEP_COLUMNS) if self.step else 0)
+
+    @cached_property
+    def unit(self) -> Array:
+        """Typical sizes (K',) of the columns."""
+        step = self._step_unit if self.step else np.zeros(0)
+        return np.concatenate([self.machine.layout.unit, np.tile(LOAD_CENTRE, len(self.loaded)), step])
+
+    @property
+    def _step_unit(self) -> Array:
+        return self.machine.layout.typical[[INCIDENTAL.index(name) for name in STEP_COLUMNS]]
+
+    @cached_property
+    def blocks(self) -> list[Blocks]:
+        """The recordings' whitened rows with columns [K' | incidental | residual]."""
+        layout, first, found = self.machine.layout, 0, []
+        for n, seen in enumerate(self.seen):
+            rows, usable = seen.blocks.rows, seen.blocks.usable
+            load = rows[..., layout.size : layout.size + 1 + CENTRE]
+            centres = [
+                load[..., 1:] * np.float32(name == seen.recording.name and seen.recording.load_kg > 0.0)
+                for name in self.loaded
+            ]
+            parts, number = [rows[..., : layout.size], *centres], first + np.arange(len(rows))
+            if self.step:
+                on = (number > self.step.first) & (number < self.step.last)
+                parts.append(load[..., [0, 1, 2]] * on[:, None, None, None].astype(np.float32))
+                usable = usable & (number != self.step.first)[:, None, None]
+            whole = np.concatenate([*parts, rows[..., layout.size :]], axis=-1) * usable[..., None]
+            blocks = Blocks(np.asarray(whole, dtype=np.float32), usable)
+            layed = None if self.laid is None else self.laid[n]
+            found.append(blocks if layed is None else blocks.laid(layed))
+            first += len(rows)
+        return found
+
+    @cached_property
+    def spans(self) -> list[tuple[int, int]]:
+        """First block of each recording and the one after the last."""
+        ends = np.cumsum([0] + [len(s.blocks.rows) for s in self.seen]).tolist()
+        return list(zip(ends[:-1], ends[1:], strict=True))
+
+    @cached_property
+    def times(self) -> Array:
+        """Time (B,) [s] of the middle of every block."""
+        half = BLOCK_ROWS / self.machine.regressors.rows_hz / 2.0
+        return np.concatenate([s.rows.t[::BLOCK_ROWS] + half for s in self.seen])
+
+    @cached_property
+    def forms(self) -> tuple[Form, ...]:
+        """All that may be a cause and lasts; a change of load has columns where a step is considered."""
+        found = []
+        own = forms_of(self.machine.layout, self.dry_friction)
+        for form, p in zip(own, lasting(self.machine.layout), strict=True):
+            if p.course is TimeCourse.AFTER and self.step:
+                first = self.size - len(STEP_COLUMNS)
+                form = replace(form, columns=tuple(first + STEP_COLUMNS.index(name) for name in p.incidents))
+            found.append(form)
+        return tuple(found)
+
+    @cached_property
+    def proposals(self) -> list[Proposal]:
+        """The proposals of the forms."""
+        return lasting(self.machine.layout)
+
+    @cached_property
+    def dry_friction(self) -> Array | None:
+        """Dry friction (C,) [N] of the cylinders in these recordings, by the model; None where it is not known."""
+        model, values = self.machine.regressors.model, self.machine.regressors.parameters
+        if "coulomb" not in model.friction:
+            return None
+        known = dict(zip((p.name for p in model.parameters), values.tolist(), strict=True))
+        load = np.nanmean(np.abs(np.concatenate([s.rows.force for s in self.seen])), axis=0)
+        each = [
+            known.get(f"{c.name}.coulomb", 0.0) + known.get(f"{c.name}.load_dependent", 0.0) * f
+            for c, f in zip(model.machine.cylinders, load.tolist(), strict=True)
+        ]
+        return np.maximum(np.array(each), 0.0)
+
+    def gram(self, kept: Mask | None = None) -> Gram:
+        """Return the Gram of the recordings; kept: blocks (B,) that count, None: all."""
+        parts, first = [], 0
+        for seen, blocks in zip(self.seen, self.blocks, strict=True):
+            mask = None if kept is None else kept[first : first + len(blocks.rows)]
+            first += len(blocks.rows)
+            own = blocks if mask is None else blocks.masked(mask)
+            parts.append(Gram.of(own, range(self.size), self.unit, self._padded(seen.noise)))
+        found = Gram.total(parts)
+        return found if self.noise is None else found.with_noise(self.noise)
+
+    def _padded(self, noise: SharedNoise) -> SharedNoise:
+        if not len(noise.products):
+            return SharedNoise.none(len(self.machine.floor.rms), self.size + 1)
+        found = np.zeros((*noise.products.shape[:-1], self.size + 1))
+        own = noise.products.shape[-1] - 1
+        found[..., :own], found[..., -1] = noise.products[..., :own], noise.products[..., -1]
+        return SharedNoise(found, noise.counts)
+
+    @cached_property
+    def knowledge(self) -> Machine:
+        """The healthy machine with the columns that only these recordings have; its parameters free if that is asked."""
+        own, more = self.machine.machine, self.size - self.machine.layout.size
+        covariance = np.zeros((self.size, self.size))
+        covariance[: len(own.mean), : len(own.mean)] = own.covariance
+        if self.free:
+            count = len(self.machine.regressors.parameters)
+            covariance[:count, :count] += np.eye(count)
+        for k in range(CENTRE * len(self.loaded)):
+            covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
+        pad = np.zeros(more)
+        return Machine(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise)
+
+    def likelihood(self, kept: Mask | None = None) -> Likelihood:
+        """Return the likelihood of the recordings, or of some of their blocks (B,)."""
+        more = {} if self.support is None else {"support": self.support}
+        return Likelihood(self.gram(kept), self.unit, self.forms, self.knowledge, corrected=self.applied, **more)
+
+    def nuisance(self, columns: Sequence[int]) -> Nuisance:
+        """Return the nuisance of incidental columns (numbers from the layout's K on) of all blocks."""
+        shift = self.size - self.machine.layout.size
+        typical = self.machine.layout.typical[[k - self.machine.layout.size for k in columns]]
+        own = [k + shift for k in columns]
+        return Nuisance.of(self.blocks, range(self.size), self.unit, own, typical)
+
+    @cached_property
+    def plain(self) -> Array:
+        """Coefficients (K'+1,) of the residual that is reported: the machine's columns, and where the loads hang."""
+        layout, found = self.machine.layout, np.zeros(self.size + 1)
+        found[-1], found[: layout.size] = 1.0, -self.machine.values / layout.unit
+        centres = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
+        if centres:
+            gram = self.gram()
+            whole = np.sum(gram.whole, axis=0)
+            normal = whole[np.ix_(centres, centres)] + np.eye(len(centres))
+            found[centres] = -np.linalg.solve(normal, whole[centres] @ found)
+        return found
+
+    def residuals(self, values: Array | None = None) -> list[Array]:
+        """Return the residuals (T, R) [N m] with coefficients (K'+1,), by default those that are reported.
+
+        Rows without a past for the whitening are NaN: nothing was fitted there.
+        """
+        coefficients = self.plain if values is None else values
+        layout, found = self.machine.layout, []
+        for seen in self.seen:
+            columns = layout.columns(seen.rows, seen.recording)
+            value = columns[..., -1] + columns[..., : layout.size] @ (coefficients[: layout.size] * layout.unit)
+            for k, name in enumerate(self.loaded):
+                if name == seen.recording.name and seen.recording.load_kg:
+                    at = layout.size + CENTRE * k
+                    value = value + columns[..., layout.size + 1 : layout.size + 1 + CENTRE] @ (
+                        coefficients[at : at + CENTRE] * LOAD_CENTRE
+                    )
+            usable = seen.blocks.usable.reshape(-1, value.shape[1])[: len(value)]
+            found.append(np.where(usable, value, np.nan))
+        return found
+
+    def corrected(self, applied: Sequence[tuple[int, Applied]], noise_before: Array, rng_twins: "Twins") -> "Question":
+        """Return the question with effects, by number of their form, taken out of the readings at their sizes.
+
+        The columns of all other effects stay as they are.
+        """
+        regressors, layout = self.machine.regressors, self.machine.layout
+        effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
+        own = [a.proposal for _, a in applied if not a.proposal.clock]
+        seen = []
+        for each in self.seen:
+            other, recording = regressors.corrected(each.recording, effects)
+            rows = other.rows(recording, own, np.isnan(each.rows.residual))
+            columns = each.rows.effects.copy()
+            places = [k - layout.first for p in own for k in layout.places[layout.proposals.index(p)]]
+            columns[..., places] = rows.effects
+            rows = replace(rows, effects=columns)
+            blocks = Blocks.whitened(layout.columns(rows, recording), self.machine.floor)
+            seen.append(Seen(recording, rows, blocks, each.noise))
+        unit = {p: self.unit[list(self.forms[p].columns)] for p, _ in applied}
+        return replace(
+            self,
+            seen=tuple(seen),
+            applied={p: a.sizes / unit[p] for p, a in applied},
+            noise=noise_before - rng_twins.energy(effects),
+        )
+
+
+@dataclass(frozen=True)
+class Twins:
+    """The beginnings of recordings with the sensors' noise once more: how much noise a correction removes.
+
+    question: the recordings as they are
+    values:   (T, S) noisy samples of each
+    """
+
+    question: Question
+    values: tuple[Array, ...]
+
+    def energy(self, effects: Sequence[Imposed]) -> Array:
+        """Return the energy (R, 1 + POLYNOMIALS) of the sensors' noise in the residual, once effects are taken out."""
+        machine, found = self.question.machine, []
+        for seen, values in zip(self.question.seen, self.values, strict=True):
+            lost, each = np.isnan(seen.rows.residual), []
+            for samples in (seen.recording.values[: len(values)], values):
+                other, recording = machine.regressors.corrected(replace(seen.recording, values=samples), effects)
+                each.append(other.residual(recording, lost))
+            added = Blocks.whitened((each[1] - each[0])[..., None], machine.floor)
+            found.append(SharedNoise.of(added, []))
+        products = np.concatenate([n.products for n in found])
+        return SharedNoise(products, np.concatenate([n.counts for n in found])).energy()
+
+    @cached_property
+    def before(self) -> Array:
+        """The same energy without any correction."""
+        return self.energy(())
+
+
+# Screening and beam
+
+
+def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
+    """Return hypotheses of more and more effects, as long as one effect more is worth its prior probability."""
+    beam = [case.hypothesis((), replace(case.machine.noise, variation=share)) for share in VARIATIONS]
+    found = {(): max(beam, key=lambda h: h.log)}
+    worth = -float(np.log(SECOND_EFFECT * (1.0 - HEALTHY - UNKNOWN_EFFECT) / max(len(wanted), 1)))
+    for _ in range(DEEPEST):
+        grown, parents = dict[tuple[int, ...], Hypothesis](), dict[tuple[int, ...], tuple[int, ...]]()
+        for base in sorted(beam, key=lambda h: -h.log):
+            for p in screened(case, base, wanted)[:REFINED]:
+                forms = tuple(sorted((*base.forms, p)))
+                if forms in found or parents.setdefault(forms, base.forms) != base.forms:
+                    continue
+                h = case.with_one_more(base, p)
+                if forms not in grown or h.log > grown[forms].log:
+                    grown[forms] = h
+        first = sorted(grown.values(), key=lambda h: -h.log)[:WIDTH]
+        best = sorted((case.likeliest(h.forms, h.noise, h.doubt) for h in first), key=lambda h: -h.log)
+        found |= grown | {h.forms: h for h in best}
+        base_log = max(b.log for b in beam)
+        gained = max((effective_share(h.rest) * (h.log - base_log) for h in best), default=-np.inf)
+        if not best or (len(best[0].forms) > 1 and gained < worth):
+            break
+        beam = best
+    return list(found.values())
+
+
+def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[int]:
+    """Return forms beside a hypothesis, the most promising first, each with the noise that would then be likeliest."""
+    state, named = case.state(base.noise), {case.forms[p].key for p in base.forms}
+    free = [p for p in wanted if case.forms[p].key not in named and case.forms[p].columns]
+    if not free:
+        return []
+    if case.nuisance is not None:
+        each = {p: tuple(sorted((*base.forms, p))) for p in free}
+        return sorted(free, key=lambda p: case.doubt(each[p], base) - case.under(each[p], state)[0])
+    residuals, shift = _with_each(case, base.forms, free, state)
+    _, log = likeliest_noise(case.gram, *case.gram.certain_energies(residuals), case.machine.noise)
+    log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.prior_precision(base.noise.variation)[0])
+    return [free[k] for k in np.argsort(-log).tolist()]
+
+
+def _with_each(case: Likelihood, forms: tuple[int, ...], free: list[int], state: _Marginal) -> tuple[Array, Array]:
+    """Return the residual with each of some forms (H, K+1) beside a hypothesis, and the parameters then (H, K).
+
+    All forms with as many sizes are solved at once.
+    """
+    follows, size = state.covariance @ state.known, len(state.score)
+    whole = state.known - state.known @ follows
+    residuals, shift = np.ones((len(free), size + 1)), np.empty((len(free), size))
+    alike = dict[int, list[int]]()
+    for k, p in enumerate(free):
+        alike.setdefault(len(case.forms[p].columns), []).append(k)
+    for at in alike.values():
+        each = [(*forms, free[k]) for k in at]
+        own = np.array([case.columns(f) for f in each])
+        side = np.array([np.concatenate([case.forms[p].side_precision for p in f]) for f in each])
+        precision = np.where(side > 0.0, side, FREE_PRECISION)
+        known = _positive(whole[own[:, :, None], own[:, None, :]]) + precision[:, :, None] * np.eye(own.shape[1])
+        score = state.score[own] - precision * np.array([case.already(f) for f in each])
+        more = np.linalg.solve(known, score[..., None])[..., 0]
+        shift[at] = state.fitted - np.einsum("khm,hm->hk", follows[:, own], more)
+        residuals[at, :-1] = -case.machine.mean - shift[at]
+        np.subtract.at(residuals, (np.array(at)[:, None], own), more)
+    return residuals, shift
+
+
+# Incidents: contact, unmeasured slewing, a free torque, in single blocks
+
+
+@dataclass(frozen=True)
+class Incident:
+    """Something that happens in single blocks, alone or beside the effects of a hypothesis.
+
+    key:    name and place; UNKNOWN of a free torque
+    proposal: the effect
+    sizes:  (B,) its typical size in every block, 0 where it is absent
+    log:    log probability with the recordings, its blocks' prior included
+    rest:   residual at the worst joint beside it, in noise floors
+    before: the same without it
+    nuisance: the nuisance of its blocks
+    """
+
+    key: Key
+    proposal: Proposal
+    sizes: Array
+    log: float
+    rest: float
+    before: float
+    nuisance: Nuisance
+
+    @property
+    def share(self) -> float:
+        """Share of the blocks in which it happens."""
+        return float(np.mean(self.sizes > 0.0))
+
+    @property
+    def log_prior(self) -> float:
+        """Log prior probability of its blocks."""
+        return log_prior_of_blocks(self.sizes > 0.0)
+
+
+def incidents(
+    question: Question, case: Likelihood, residual: Array, wanted: Callable[[Proposal], bool], beside: Hypothesis | None = None
+) -> list[Incident]:
+    """Return every incident with the blocks in which it most probably happens, alone or beside a hypothesis.
+
+    residual: coefficients (K'+1,) of the residual without it
+    """
+    layout, found = question.machine.layout, []
+    for p, columns in zip(layout.proposals, layout.places, strict=True):
+        if p.course is not TimeCourse.WINDOWS or not wanted(p):
+            continue
+        whole = question.nuisance(columns)
+        forms = beside.forms if beside else ()
+        doubt, noise = (beside.doubt, beside.noise) if beside else (None, case.machine.noise)
+        sizes = whole.likeliest_sizes(residual, noise, INCIDENT_SIZES)
+        for _ in range(SETTLING):
+            held = replace(case, nuisance=whole.sized(sizes))
+            noise = held.hypothesis(forms, noise, doubt).noise
+            now = whole.likeliest_sizes(held.under(forms, held.state(noise))[2], noise, INCIDENT_SIZES)
+            if np.array_equal(now, sizes):
+                break
+            sizes = now
+        own = whole.sized(sizes)
+        h = replace(case, nuisance=own).likeliest(forms, noise, doubt)
+        key = UNKNOWN if p.name == UNKNOWN_TORQUE else (p.name, p.at)
+        before = beside.rest if beside else float(np.max(case.rests(residual)))
+        found.append(Incident(key, p, sizes, h.log + log_prior_of_blocks(sizes > 0.0), h.rest, before, own))
+    return found
+
+
+def changed_load(question: Question, case: Likelihood) -> LoadStep | None:
+    """Return when a known load most probably became another one; None without a known load."""
+    loaded = [(span, s) for span, s in zip(question.spans, question.seen, strict=True) if s.recording.load_kg]
+    if not loaded:
+        return None
+    layout = question.machine.layout
+    nuisance = question.nuisance([layout.size + INCIDENTAL.index(name) for name in STEP_COLUMNS])
+    across, precision = nuisance.weighted(case.machine.noise)
+    score, information = across @ question.plain, precision - np.eye(precision.shape[-1])
+    begins, ends = dict[str, int](), dict[str, int]()
+    for (first, last), seen in loaded:
+        begins.setdefault(seen.recording.name, first)
+        ends[seen.recording.name] = last
+    best, found = -np.inf, None
+    for (first, last), seen in loaded:
+        name = seen.recording.name
+        for k in range(first, last - 1):
+            gain = _step_gain(score, information, begins[name], k, ends[name])
+            if gain > best:
+                best, found = gain, LoadStep(k, ends[name])
+    return found
+
+
+def _step_gain(score: Array, information: Array, first: int, changed: int, end: int) -> float:
+    """Return the evidence [nats] that a load changes in a block, with where it hung unknown."""
+    parts = [(slice(first, end), 1), (slice(changed, changed + 1), 0), (slice(changed + 1, end), 0)]
+    pulled = np.concatenate([score[part][:, axis:].sum(axis=0) for part, axis in parts])
+
+    def common(a: tuple[slice, int], b: tuple[slice, int]) -> Array:
+        blocks = slice(max(a[0].start, b[0].start), min(a[0].stop, b[0].stop))
+        return np.asarray(information[blocks][:, a[1] :, b[1] :].sum(axis=0))
+
+    whole = np.block([[common(a, b) for b in parts] for a in parts]) + np.eye(len(pulled))
+    before = len(STEP_COLUMNS) - 1
+    return float(log_evidence(pulled, whole) - log_evidence(pulled[:before], whole[:before, :before]))
+
+
+# The whole search
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis as it was examined.
+
+    hypothesis: effects that last, with magnitudes
+    question:   the recordings, corrected for its effects
+    incident:   what happens in single blocks beside them
+    """
+
+    hypothesis: Hypothesis
+    question: Question
+    incident: Incident | None = None
+
+    @property
+    def log(self) -> float:
+        """Log probability with the recordings, without the prior of its effects."""
+        return self.hypothesis.log
+
+    @property
+    def rest(self) -> float:
+        """Residual at the worst joint, in noise floors."""
+        return self.hypothesis.rest
+
+
+@dataclass(frozen=True)
+class Found:
+    """Everything that a search found.
+
+    question:    the recordings as they are
+    case:        their likelihood
+    candidates:  hypotheses of effects that last, with or without an incident beside; the healthy machine among them
+    incidents:   what happens in single blocks alone
+    gaps:        (R,) residual of each joint before any effect, in noise floors
+    working:     names of recordings in which the machine works
+    """
+
+    question: Question
+    case: Likelihood
+    candidates: tuple[Candidate, ...]
+    incidents: tuple[Incident, ...]
+    gaps: Array
+    working: frozenset[str] = frozenset()
+
+    @property
+    def healthy(self) -> Candidate:
+        """The healthy machine."""
+        return max((c for c in self.candidates if not c.hypothesis.forms and c.incident is None), key=lambda c: c.log)
+
+    def key(self, form: int) -> Key:
+        """Return name and place of a form; all free torques are one."""
+        key = self.question.forms[form].key
+        return UNKNOWN if key[0] == UNKNOWN_TORQUE else key
+
+
+def without_gap(residual: Array, floor: Array | float = 1.0) -> Mask:
+    """Return which joints (R,) have no gap: a residual no larger than that of two recordings of a healthy machine."""
+    return np.asarray(residual**2 <= (1.0 + SAME_MACHINE) * floor**2)
+
+
+def examined(
+    question: Question,
+    twins: Twins,
+    wanted: Callable[[Proposal], bool],
+    watch: Callable[[str], None] = lambda _: None,
+    gate: bool = True,
+) -> Found:
+    """Search for what may explain the recordings.
+
+    wanted: whether an effect may be a cause
+    gate:   whether only effects that act at a joint with a gap are candidates
+    """
+    watch("hypotheses")
+    case = question.likelihood()
+    gaps = case.rests(question.plain)
+    step = changed_load(question, case)
+    if step:
+        question = replace(question, step=step)
+        case = question.likelihood()
+    allowed = [k for k, p in enumerate(question.proposals) if wanted(p)]
+    if gate and question.machine.source is not Source.DATA_SHEET:
+        allowed = _showing(question, case, allowed, without_gap(gaps))
+    hypotheses = searched(case, allowed)
+    jumps = [p for p in allowed if question.forms[p].name == GLITCH]
+    known = {h.forms for h in hypotheses}
+    hypotheses += [case.likeliest((p,), case.machine.noise) for p in jumps if (p,) not in known]
+    best = max(hypotheses, key=lambda h: h.log)
+    alone = incidents(question, case, question.plain, wanted)
+    beside = incidents(question, case, case.under(best.forms, case.state(best.noise))[2], wanted, best) if best.forms else []
+    candidates = [Candidate(h, question) for h in hypotheses]
+    first = max([*alone, *beside], key=lambda i: i.log, default=None)
+    if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
+        held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
+        candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms]
+    watch("effects at their magnitudes")
+    candidates = _at_magnitudes(question, twins, candidates, allowed)
+    return Found(question, case, tuple(candidates), tuple(alone), gaps)
+
+
+def _showing(question: Question, case: Likelihood, allowed: list[int], still: Mask) -> list[int]:
+    """Return the forms whose largest torque is at a joint with a gap; what begins later, or is filtered, need not show."""
+    found = []
+    for k in allowed:
+        form, p = question.forms[k], question.proposals[k]
+        columns = list(form.columns)
+        if p.course or form.name == GLITCH or not columns:
+            found.append(k)
+            continue
+        energy = case.gram.whole[:, columns, columns] / np.maximum(case.gram.rows, 1.0)[:, None]
+        if not np.all(still[np.argmax(energy, axis=0)]):
+            found.append(k)
+    return found
+
+
+def _at_magnitudes(question: Question, twins: Twins, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
+    """Return the candidates, the most probable ones with their columns at their magnitudes, and one effect more beside
+    the first of them."""
+
+    def order(c: Candidate) -> float:
+        return -c.log
+
+    plain = [c for c in candidates if c.incident is None]
+    single = sorted((c for c in plain if len(c.hypothesis.forms) == 1), key=order)
+    chosen = {c.hypothesis.forms: c for c in (*sorted(plain, key=order)[:AGAIN], *single[:AGAIN]) if c.hypothesis.forms}
+    found = {(c.hypothesis.forms, c.incident is not None): c for c in candidates}
+    for forms, c in chosen.items():
+        if any(question.proposals[p].bends for p in forms):
+            found[forms, False] = corrected(question, twins, c)
+    best = max(found.values(), key=lambda c: c.log)
+    if best.question is not question and len(best.hypothesis.forms) == 1:
+        case = best.question.likelihood()
+        for p in screened(case, best.hypothesis, allowed)[:AGAIN]:
+            more = case.with_one_more(best.hypothesis, p)
+            old = found.get((more.forms, False))
+            if old is None or more.log > old.log:
+                found[more.forms, False] = Candidate(more, best.question)
+    return list(found.values())
+
+
+def corrected(question: Question, twins: Twins, candidate: Candidate) -> Candidate:
+    """Return a candidate with its effects taken out of the readings at their magnitudes, until these stay.
+
+    Errors of sensors and of geometry are not linear in their magnitude.
+    """
+    rows, start, found = sum(float(s.blocks.usable.sum()) for s in question.seen), candidate.hypothesis, candidate
+    for _ in range(CORRECTIONS):
+        now = found.hypothesis
+        applied = _applied(question, now)
+        if any(float(np.linalg.norm(a.sizes[: question.forms[p].components])) > BEYOND * question.forms[p].high for p, a in applied):
+            break
+        other = question.corrected(applied, twins.before, twins)
+        case = other.likelihood()
+        if float(np.sum(case.gram.rows)) < KEPT_ROWS * rows:
+            break  # at these magnitudes the machine could not have moved so
+        found = Candidate(case.hypothesis(now.forms, now.noise, start.doubt), other)
+        if np.linalg.norm(found.hypothesis.sizes - now.sizes) < STILL * np.linalg.norm(found.hypothesis.sizes):
+            break
+    return found
+
+
+def _applied(question: Question, h: Hypothesis) -> list[tuple[int, Applied]]:
+    """Return the effects of a hypothesis that bend, with their sizes [SI], by number of their form."""
+    found, k = [], 0
+    for p in h.forms:
+        form = question.forms[p]
+        sizes = h.sizes[k : k + len(form.columns)] * question.unit[list(form.columns)]
+        k += len(form.columns)
+        if question.proposals[p].bends:
+            found.append((p, Applied(question.proposals[p], sizes)))
+    return found
