@@ -210,3 +210,55 @@ class Evidence:
         """Return the most probable hypothesis whose main effect this is."""
         own = [c for c in self.candidates if c.hypothesis.forms and self.main(c) == key]
         return max(own, key=lambda c: c.log + self.prior_of(c)) if own else None
+
+
+def costs(evidence: Evidence, key: Key | None) -> dict[Verdict, float]:
+    """Return the expected cost of every answer that names a cause or none, in units of a wrong name.
+
+    key: the cause that would be named; None if there is none
+    """
+    posterior = evidence.posterior
+    none, odd = posterior.get(NO_GAP, 0.0), posterior.get(UNKNOWN, 0.0)
+    effect, first = 1.0 - none - odd, posterior.get(key, 0.0) if key else 0.0
+    found = {Verdict.NO_GAP: COSTS["missed"] * (effect + odd), Verdict.UNKNOWN: COSTS["unsaid"] * effect + none}
+    rivals = [posterior[k] for k in evidence.credible if k not in (key, UNKNOWN, NO_GAP)]
+    if 0.0 < first < SURE:
+        held = first + sum(rivals)
+        checks = first + sum(k * p for k, p in enumerate(rivals, 1))
+        found[Verdict.AMBIGUOUS] = none + COSTS["rival"] * checks + COSTS["wrong_set"] * max(1.0 - none - held, 0.0)
+    if first >= SURE:
+        found[Verdict.EXPLAINED] = 1.0 - first
+    return found
+
+
+def first_effect(evidence: Evidence) -> Key | None:
+    """Return the likeliest effect; None if every one is excluded."""
+    effects = [k for k, p in evidence.posterior.items() if k not in (NO_GAP, UNKNOWN) and p > 0.0]
+    return max(effects, key=lambda k: evidence.posterior[k]) if effects else None
+
+
+SAME_CHANGE = ("extra_mass", "first_moment_change")  # an added mass moves its link's centre of gravity
+
+
+def one_answer(evidence: Evidence) -> tuple[Evidence, dict[Key, Key]]:
+    """Return the evidence with a mass and a first moment of one link as one answer, and the other name of each cause.
+
+    Where their evidence differs by less than SAME_EVIDENCE, the more probable one stays. Both stay where the likeliest
+    hypothesis has both.
+    """
+    same: dict[Key, Key] = {}
+    for at in sorted({at for _, at in evidence.alone}):
+        both = [(name, at) for name in SAME_CHANGE]
+        if not all(key in evidence.alone for key in both):
+            continue
+        logs = [evidence.alone[key] for key in both]
+        if abs(logs[0] - logs[1]) >= SAME_EVIDENCE:
+            continue
+        own = [c for c in evidence.candidates if evidence.keys(c) & set(both)]
+        likeliest = max(own, key=lambda c: c.log + evidence.prior_of(c), default=None)
+        lacking = [key for key in both if likeliest is not None and key not in evidence.keys(likeliest)]
+        if lacking:
+            kept = next(key for key in both if key != lacking[0])
+            evidence = Evidence(evidence.found, evidence.withdrawn | {lacking[0]}, evidence.sure)
+            same[kept] = lacking[0]
+    return evidence, same

@@ -12,6 +12,7 @@ level of the model discrepancy and scale of the white noise of each joint, maxim
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from math import gamma, pi
 
 import numpy as np
@@ -19,16 +20,21 @@ from scipy.linalg.lapack import dpotri
 from scipy.special import ndtri
 
 from cylforce.diagnosing.constants import (
+    BLOCK_ROWS,
+    CARRY_BACK,
+    CLEAR_GAP,
     CORRELATED_ROWS,
     DISCREPANCY_CHANGE,
+    HALF,
     INCIDENT,
     INCIDENT_SIZES,
     NOISE_CHANGE,
+    PAYLOAD,
     POLYNOMIALS,
     SAME_MACHINE,
     TAIL,
 )
-from cylforce.diagnosing.statistics import Blocks, Gram, Mask
+from cylforce.diagnosing.statistics import Blocks, Gram, Mask, in_blocks, polynomials
 from cylforce.effects.fault import BEYOND
 from cylforce.signals.estimate import Array
 
@@ -363,6 +369,262 @@ def log_evidence(score: Array, precision: Array) -> Array:
 def log_prior_of_blocks(present: Mask, sizes: Sequence[float] = INCIDENT_SIZES) -> float:
     """Return the log prior probability of an incident in just these blocks (B,), with one of these sizes in each."""
     return float(np.sum(np.log(np.where(present, INCIDENT / len(sizes), 1.0 - INCIDENT))))
+
+
+@dataclass(frozen=True)
+class Payload(Nuisance):
+    """Unknown payloads: one in all blocks of a stretch that is free of contact, or carried on from the stretch before.
+
+    stretch:      (B,) number of each block's stretch
+    carried_on:   (S,) whether the load of a stretch is that of the one before
+    shared:       (B, R, 1 + POLYNOMIALS, I) product of the sensors' noise in a load's columns and in the residual
+    noise_energy: (R,) energy of that noise in the residual, per row
+    """
+
+    stretch: Array
+    carried_on: Mask
+    shared: Array
+    noise_energy: Array
+
+    @cached_property
+    def load(self) -> Array:
+        """Number of every block's load (B,)."""
+        return np.asarray((np.cumsum(~self.carried_on) - 1)[self.stretch])
+
+    def with_loads(self, carried_on: Mask) -> "Payload":
+        """Return the same payloads where other stretches carry the load of the one before."""
+        return replace(self, carried_on=carried_on)
+
+    def weighted(self, noise: ResidualNoise) -> tuple[Array, Array]:
+        """Return of every load the product with all columns (G, I, K+1) and the precision (G, I, I)."""
+        across, precision = super().weighted(noise)
+        weight = noise.noise_weight(self.noise_energy)
+        across[..., -1] -= np.einsum("rq,brqi->bi", weight, self.shared, optimize=True)
+        count, unit = int(self.load[-1]) + 1, np.eye(precision.shape[-1])
+        each, within = np.zeros((count, *across.shape[1:])), np.zeros((count, *precision.shape[1:]))
+        np.add.at(each, self.load, across)
+        np.add.at(within, self.load, precision - unit)
+        return each, within + unit
+
+    def spread(self, groups: Array) -> Array:
+        """Return values of loads (G, ...) for every block (B, ...)."""
+        return np.asarray(groups[self.load])
+
+    def losses(self, residual: Array, noise: ResidualNoise) -> "Losses":
+        """Return in which stretches a load that is carried on is most probably another one, and where a part fell out.
+
+        residual: coefficients (K+1,) of the residual without loads
+        """
+        across, precision = self.with_loads(np.zeros_like(self.carried_on)).weighted(noise)
+        score, unit = across @ residual, np.eye(precision.shape[-1])
+        loads, covariance = np.linalg.solve(precision, score[..., None])[..., 0], np.linalg.inv(precision)
+        less, errors = np.zeros_like(loads), np.zeros_like(loads)
+        less[1:] = loads[:-1] - loads[1:]
+        errors[1:] = np.sqrt(np.einsum("sii->si", covariance[:-1] + covariance[1:]))
+        apart, one = log_evidence(score, precision), log_evidence(score[:-1] + score[1:], precision[:-1] + precision[1:] - unit)
+        gain = np.append(-np.inf, apart[:-1] + apart[1:] - one)
+        differs = self.carried_on & (gain > np.log((1.0 - INCIDENT) / INCIDENT))
+        fell, same = differs & (less[:, 0] * PAYLOAD > CARRY_BACK), np.cumsum(~self.carried_on)
+        for n in np.flatnonzero(fell):  # what comes back was held up
+            later = loads[n:][same[n:] == same[n], 0]
+            fell[n] = loads[n - 1, 0] - np.max(later) > HALF * less[n, 0]
+        return Losses(differs, fell, less, errors)
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Changes of carried loads at the beginning of each of S stretches.
+
+    differs: (S,) whether the load differs from that of the stretch before, though it is carried on
+    fell:    (S,) whether a part of it fell out there
+    less:    (S, I) by how much less it is, in units of the payload's columns
+    errors:  (S, I) standard errors
+    """
+
+    differs: Mask
+    fell: Mask
+    less: Array
+    errors: Array
+
+
+# Hidden Markov chain along the time of a working recording
+
+
+CELL_ROWS = 4  # rows of 0.05 s, to which begin and end of a stretch are found
+LONGEST_CELLS = 100  # of a stretch, twenty seconds; a longer one becomes two
+FEWEST_CELLS = 3  # of a stretch that counts, beyond those in which the filters settle
+CHANGE = float(np.log(BLOCK_ROWS / INCIDENT))  # nats: that contact or a load begins in just this row
+DUMPED = 0.5  # of the way from where the bucket is tilted as a load is lifted to where it is emptied; convention
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Rows of a recording that are free of contact.
+
+    first, last: from the first row to before the last
+    loaded:      whether an unknown load is in the bucket
+    carried_on:  whether it is the load of the stretch before
+    """
+
+    first: int
+    last: int
+    loaded: bool
+    carried_on: bool = False
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """Sums over cells of CELL_ROWS rows: residual energy (N, R), products with a load (N, R, I), (N, R, I, I), rows (N, R)."""
+
+    energy: Array
+    across: Array
+    within: Array
+    rows: Array
+
+    @classmethod
+    def of(cls, residual: Array, loads: Array, usable: Mask) -> "_Cells":
+        """Return the cells of whitened rows: residual (T, R), a load's columns (T, R, I), which are usable (T, R)."""
+        count = -(-len(residual) // CELL_ROWS)
+
+        def split(x: Array) -> Array:
+            padded = np.zeros((count * CELL_ROWS, *x.shape[1:]))
+            padded[: len(x)] = x
+            return padded.reshape(count, CELL_ROWS, *x.shape[1:])
+
+        y, x = split(np.where(usable, residual, 0.0)), split(np.where(usable[..., None], loads, 0.0))
+        across, within = np.einsum("nsri,nsr->nri", x, y), np.einsum("nsri,nsrj->nrij", x, x)
+        return cls(np.sum(y**2, axis=1), across, within, split(usable.astype(np.float64)).sum(axis=1))
+
+    def path(self, free: Array, busy: Array, precision: Mapping[bool, Array]) -> list[Stretch]:
+        """Return the most probable stretches free of contact (in cells), by dynamic programming.
+
+        In a stretch the residual is noise of scale `free` (R,) beside one load; elsewhere it has the scale `busy` (R,).
+        """
+        weight, count = free**-2.0, len(self.rows)
+        sums = [
+            np.concatenate([np.zeros((1, *each.shape[1:])), np.cumsum(each, axis=0)])
+            for each in (
+                self.energy @ weight,
+                np.einsum("nri,r->ni", self.across, weight),
+                np.einsum("nrij,r->nij", self.within, weight),
+                self.rows @ np.log(free),
+            )
+        ]
+        contact = -self.rows @ np.log(busy) - 0.5 * self.energy @ busy**-2.0
+        outside, inside = np.full(count + 1, -np.inf), np.full(count + 1, -np.inf)
+        outside[0], came_inside = 0.0, np.zeros(count + 1, dtype=np.bool_)
+        begun: list[Stretch | None] = [None] * (count + 1)
+        for end in range(1, count + 1):
+            came_inside[end] = inside[end - 1] - CHANGE > outside[end - 1]
+            outside[end] = max(outside[end - 1], inside[end - 1] - CHANGE) + contact[end - 1]
+            begins = np.arange(max(0, end - LONGEST_CELLS), end)
+            before = np.maximum(outside[begins], inside[begins]) - CHANGE
+            energy, across, within, norm = (each[end] - each[begins] for each in sums)
+            for loaded, prior in precision.items():
+                gain = log_evidence(across, within + np.diag(prior)) + 0.5 * np.sum(np.log(prior))
+                log = before - 0.5 * energy - norm + gain - np.log(2.0)
+                best = int(np.argmax(log))
+                if log[best] > inside[end]:
+                    inside[end], begun[end] = log[best], Stretch(int(begins[best]), end, loaded)
+        found, end, now_inside = list[Stretch](), count, bool(inside[-1] > outside[-1])
+        while end > 0:
+            stretch = begun[end] if now_inside else None
+            if stretch is None:
+                end, now_inside = end - 1, bool(came_inside[end])
+            else:
+                found.append(stretch)
+                end = stretch.first
+                now_inside = bool(inside[end] > outside[end])
+        return found[::-1]
+
+    def scales(self, path: Sequence[Stretch], free: Array, busy: Array, precision: Mapping[bool, Array]) -> tuple[Array, Array]:
+        """Return the noise inside and outside of stretches (R,), as a path leaves it."""
+        energy, rows, weight = np.zeros_like(free), np.zeros_like(free), free**-2.0
+        outside = np.ones(len(self.rows), dtype=np.bool_)
+        for each in path:
+            own = slice(each.first, each.last)
+            across, within = self.across[own].sum(axis=0), self.within[own].sum(axis=0)
+            normal = np.einsum("rij,r->ij", within, weight) + np.diag(precision[each.loaded])
+            load = np.linalg.solve(normal, weight @ across)
+            energy += self.energy[own].sum(axis=0) - 2.0 * across @ load + np.einsum("rij,i,j->r", within, load, load)
+            rows += self.rows[own].sum(axis=0)
+            outside[own] = False
+        free = np.where(rows > 0.0, np.sqrt(np.maximum(energy, 0.0) / np.maximum(rows, 1.0)), free)
+        free = np.maximum(free, SCALES[0])
+        others = np.maximum(self.rows[outside].sum(axis=0), 1.0)
+        busy = np.sqrt(self.energy[outside].sum(axis=0) / others) if np.any(outside) else busy
+        return free, np.maximum(busy, CLEAR_GAP * free)
+
+
+def free_stretches(
+    residual: Array, loads: Array, usable: Mask, tilt: Array, typical: Array, settle: int
+) -> list[Stretch]:
+    """Return the stretches of a recording that are free of contact, each with one load or with carry-back.
+
+    The rows in which the filters settle are left out at both ends.
+    residual: (T, R) whitened residual of the healthy machine
+    loads:    (T, R, I) whitened columns of a load
+    usable:   (T, R)
+    tilt:     (T,) angle of the tool against the house [rad]
+    typical:  (I,) typical sizes of a load's columns
+    """
+    cells = _Cells.of(residual, loads, usable)
+    precision = {True: (PAYLOAD * typical) ** -2.0, False: (CARRY_BACK * typical) ** -2.0}
+    rows = np.maximum(cells.rows.sum(axis=0), 1.0)
+    free, busy = np.ones(len(rows)), np.maximum(np.sqrt(cells.energy.sum(axis=0) / rows), CLEAR_GAP)
+    path = cells.path(free, busy, precision)
+    for _ in range(3):
+        free, busy = cells.scales(path, free, busy, precision)
+        path = cells.path(free, busy, precision)
+    found = []
+    for each in path:
+        first, last = CELL_ROWS * each.first + settle, min(CELL_ROWS * each.last, len(residual)) - settle
+        if last - first >= FEWEST_CELLS * CELL_ROWS:
+            found.append(Stretch(first, last, each.loaded))
+    return _carried_on(found, np.any(usable, axis=1), tilt, settle)
+
+
+def _carried_on(found: list[Stretch], usable: Mask, tilt: Array, settle: int) -> list[Stretch]:
+    """Return the stretches with which loads are carried on: nothing touched the teeth for longer than the filters see, and
+    the bucket stayed nearer to where it was as the load was lifted than to where it is emptied."""
+    carried, first = [False] * len(found), 0
+    gaps = []
+    for one, other in pairwise(found):
+        before = np.flatnonzero(usable[: one.last])
+        after = other.first + np.flatnonzero(usable[other.first :])
+        gaps.append(slice(int(before[-1]) if before.size else 0, int(after[0]) + 1 if after.size else len(usable)))
+    for k, rows in enumerate(gaps, 1):
+        if found[k - 1].loaded and found[k].loaded and rows.stop - rows.start <= 4 * settle:
+            continue
+        lifted = tilt[found[first].first]
+        way = tilt[rows] - lifted
+        emptied = way[np.argmax(np.abs(way))]
+        for n in range(first + 1, k):
+            stays = (tilt[gaps[n - 1]] - lifted) * np.sign(emptied) < DUMPED * np.abs(emptied)
+            carried[n] = bool(np.all(stays))
+        first = k
+    return [replace(stretch, carried_on=each) for stretch, each in zip(found, carried, strict=True)]
+
+
+def log_of_other_rows(residual: Array, usable: Mask, found: Sequence[Stretch]) -> float:
+    """Return the log probability of the rows (T, R) outside of stretches.
+
+    Whatever is smooth, and noise, with levels of their own in every block and joint, log-uniform, at least the floor's.
+    """
+    out = usable.copy()
+    for each in found:
+        out[each.first : each.last] = False
+    rows, mask = in_blocks(np.where(out, residual, 0.0)), in_blocks(out)
+    basis = polynomials(np.asarray(mask, dtype=np.bool_))
+    along = np.einsum("btrs,btr->brs", basis, rows, optimize=True)
+    orders = np.any(basis != 0.0, axis=1)
+    count = mask.sum(axis=1) - np.sum(orders, axis=2)
+    white = np.sqrt(np.maximum(np.sum(rows**2, axis=1) - np.sum(along**2, axis=2), 0.0) / np.maximum(count, 1.0))
+    levels = np.concatenate([np.abs(along), white[..., None]], axis=2)
+    weight = np.concatenate([orders, count[..., None]], axis=2)
+    each = -weight * (np.log(np.maximum(levels, 1.0)) + 0.5 * np.minimum(levels, 1.0) ** 2)
+    chosen = float(np.log(np.log(LEVELS[-1] / LEVELS[0]))) * np.count_nonzero(weight)
+    return float(np.sum(each)) - chosen + 2.0 * float(np.log(INCIDENT)) * len(found)
 
 
 # Hypotheses

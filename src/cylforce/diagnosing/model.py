@@ -215,6 +215,7 @@ class HealthyMachine:
     base_rate:     rms rate of the base [rad/s]
     references:    number of recordings
     loaded:        whether one of them has a known load
+    prior_share:   factor on the healthy spread of errors of sensors, geometry and masses that its recordings show
     """
 
     regressors: Regressors
@@ -231,6 +232,7 @@ class HealthyMachine:
     base_rate: float
     references: int
     loaded: bool = False
+    prior_share: float = 1.0
 
     @cached_property
     def dry_friction(self) -> Array | None:
@@ -401,7 +403,7 @@ def gram_with_loads(layout: Layout, seen: Seen, own: list[int], loaded: Sequence
     for k, name in enumerate(loaded):
         if name != seen.recording.name or not seen.recording.load_kg:
             rows[..., len(columns) + CENTRE * k : len(columns) + CENTRE * (k + 1)] = 0.0
-    own_noise = seen.noise.products[..., [*columns, -1]] if len(seen.noise.products) else seen.noise.products
+    own_noise = seen.noise.products[..., [*columns, -1]]
     noise = _padded(SharedNoise(own_noise, seen.noise.counts), len(columns), CENTRE * len(loaded), seen.blocks.usable.shape[2])
     units = np.concatenate([unit, np.tile(LOAD_CENTRE, len(loaded))])
     return Gram.of(Blocks(rows, blocks.usable), range(rows.shape[-1] - 1), units, noise)
@@ -436,7 +438,7 @@ def shared_noise(
     twin = replace(recording, values=values + sensor_noise * rng.standard_normal(values.shape))
     noisy = layout.columns(regressors.rows(twin, layout.proposals), twin)
     added = Blocks.whitened(noisy - columns[: len(noisy)], floor)
-    return Seen(recording, rows, blocks, SharedNoise.of(added, range(layout.size)))
+    return Seen(recording, rows, blocks, SharedNoise.of(added, range(layout.size + LOAD_COLUMNS.stop)))
 
 
 def _with_sensor_noise(

@@ -209,7 +209,7 @@ class Question:
         if not len(noise.products):
             return SharedNoise.none(len(self.machine.floor.rms), self.size + 1)
         found = np.zeros((*noise.products.shape[:-1], self.size + 1))
-        own = noise.products.shape[-1] - 1
+        own = self.machine.layout.size
         found[..., :own], found[..., -1] = noise.products[..., :own], noise.products[..., -1]
         return SharedNoise(found, noise.counts)
 
@@ -250,6 +250,20 @@ class Question:
             whole = np.sum(gram.whole, axis=0)
             normal = whole[np.ix_(centres, centres)] + np.eye(len(centres))
             found[centres] = -np.linalg.solve(normal, whole[centres] @ found)
+        return found
+
+    def beside(self, more: Array) -> Array:
+        """Return the coefficients (K'+1,) of the reported residual, where the loads hang fitted beside effects.
+
+        more: (K',) sizes of the effects' columns
+        """
+        found, layout = self.plain.copy(), self.machine.layout
+        centres = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
+        if centres:
+            start = found - np.append(more, 0.0)
+            start[centres] = 0.0
+            whole = np.sum(self.gram().whole, axis=0)
+            found[centres] = -np.linalg.solve(whole[np.ix_(centres, centres)] + np.eye(len(centres)), whole[centres] @ start)
         return found
 
     def residuals(self, values: Array | None = None) -> list[Array]:

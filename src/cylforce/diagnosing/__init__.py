@@ -1,0 +1,240 @@
+"""The diagnosis: why a machine differs from its model. `diagnose` compares recordings with a healthy machine.
+
+The modules stand in the order of the work: recordings, regressors, statistics, likelihood, model, search, decide,
+explain."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cylforce.diagnosing.constants import CLEAR_GAP, SAME_MACHINE
+from cylforce.diagnosing.decide import SURE, Evidence, Verdict, costs, first_effect, one_answer
+from cylforce.diagnosing.explain import (
+    Cause,
+    Picture,
+    Refit,
+    Simulated,
+    Simulation,
+    Spot,
+    cause_of_incident,
+    causes_of,
+    objection_to_magnitude,
+    objection_to_simulation,
+    refitted,
+    unexplained_shape,
+    where,
+    worst_place,
+)
+from cylforce.diagnosing.model import NOISE_S, HealthyMachine, Source, shared_noise
+from cylforce.diagnosing.recordings import Recording
+from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Candidate, Found, Key, Question, Twins, examined, without_gap
+from cylforce.diagnosing.statistics import rms
+from cylforce.effects.library import Proposal
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True)
+class Named:
+    """A cause that is named.
+
+    cause:      the effect with its magnitude
+    confidence: its probability
+    share:      of what all named causes add to the torques
+    rivals:     causes that it might be confused with
+    same_as:    another name for the same change; None if there is none
+    """
+
+    cause: Cause
+    confidence: float
+    share: float
+    rivals: tuple[Key, ...]
+    same_as: Key | None = None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that a diagnosis says.
+
+    verdict:   the conclusion
+    named:     the causes, the main one first
+    evidence:  hypotheses and probabilities
+    simulated: the gap before and after the named causes
+    spots:     where the gap is
+    shape:     of an unexplained residual
+    refit:     what a refit of the model's parameters removes
+    parameters_first: whether that comes before any effect
+    refuted:   sentences on causes that are not named
+    picture:   pressures at the worst place
+    """
+
+    verdict: Verdict
+    named: tuple[Named, ...]
+    evidence: Evidence
+    simulated: Simulated
+    spots: list[Spot]
+    shape: dict[str, Any]
+    refit: Refit
+    parameters_first: bool = False
+    refuted: tuple[str, ...] = ()
+    picture: Picture | None = None
+    same: dict[Key, Key] = field(default_factory=dict)
+
+
+def question_of(
+    machine: HealthyMachine,
+    recordings: Sequence[Recording],
+    rng: np.random.Generator,
+    support: Callable[[int, Array], float] | None = None,
+) -> tuple[Question, Twins]:
+    """Return recordings beside a healthy machine, and their beginnings with the sensors' noise once more."""
+    seen, twins = [], []
+    steps = round(NOISE_S * machine.regressors.model.filters.rate_hz)
+    for recording in recordings:
+        rows = machine.regressors.rows(recording, machine.layout.proposals)
+        seen.append(shared_noise(machine.regressors, machine.layout, recording, rows, machine.floor, machine.sensor_noise, rng))
+        values = recording.values[:steps]
+        twins.append(values + machine.sensor_noise * rng.standard_normal(values.shape))
+    question = Question(machine, tuple(seen), support=support)
+    return question, Twins(question, tuple(twins))
+
+
+def diagnose(
+    machine: HealthyMachine,
+    recordings: Sequence[Recording],
+    rng: np.random.Generator,
+    wanted: Callable[[Proposal], bool] = lambda _: True,
+    watch: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Diagnose recordings of a machine beside what is known of it while it was healthy.
+
+    wanted: whether an effect may be a cause
+    """
+    watch("columns of every effect")
+    question, twins = question_of(machine, recordings, rng)
+    found = examined(question, twins, wanted, watch)
+    watch("locating the gap, simulating the effects")
+    return concluded(found, rng)
+
+
+def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
+    """Return the answer that costs least, with causes that their simulation does not contradict.
+
+    A cause that is contradicted is withdrawn, and Bayes' rule holds among the others: the next one is simulated.
+    """
+    question = found.question
+    sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP
+    evidence, same = one_answer(Evidence(found, sure=sure))
+    plain = Simulation(question, None).run((), rng)
+    refuted, refused = list[str](), False
+    while True:
+        key = first_effect(evidence)
+        cost = costs(evidence, key)
+        verdict = min(cost, key=lambda v: cost[v])
+        if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
+            if refused and verdict is Verdict.NO_GAP:
+                verdict = Verdict.UNKNOWN  # a wrong law of one effect is no sign of a healthy machine
+            return _answer(evidence, verdict, (), plain, refuted, same, rng)
+        named, simulated, objection = _tried(evidence, key, rng)
+        if not objection:
+            return _answer(evidence, verdict, named, simulated, refuted, same, rng)
+        refuted.append(objection)
+        refused = True
+        evidence = replace(evidence, withdrawn=evidence.withdrawn | {key})
+
+
+def _tried(evidence: Evidence, key: Key, rng: np.random.Generator) -> tuple[tuple[Cause, ...], Simulated, str]:
+    """Return the causes that are named with the main one, the gap with them simulated, and an objection to the main one."""
+    question = evidence.found.question
+    candidate = evidence.best_of(key)
+    if candidate is None:
+        incident = max((i for i in evidence.incidents if i.key == key), key=lambda i: i.log)
+        cause = cause_of_incident(evidence, incident)
+        simulated = Simulation(question, None).run((cause,), rng)
+        objection = objection_to_magnitude(cause, question.forms) or objection_to_simulation(question, (cause,), simulated)
+        return (cause,), simulated, objection
+    single = _single(evidence, key, candidate)
+    (first,) = causes_of(evidence, single)[:1]
+    alone = Simulation(question, single).run((first,), rng)
+    objection = objection_to_magnitude(first, question.forms) or objection_to_simulation(question, (first,), alone)
+    both = causes_of(evidence, candidate)
+    more = [c for c in both[1:] if c.probability >= SURE and c.key != UNKNOWN]
+    more = [c for c in more if not objection_to_magnitude(c, question.forms) and _shows(question, c, alone)]
+    if more and not objection_to_magnitude(both[0], question.forms):
+        causes = (both[0], *more)
+        simulated = Simulation(question, candidate).run(causes, rng)
+        if not objection_to_simulation(question, causes, simulated):
+            return causes, simulated, ""
+    return (first,), alone, objection
+
+
+def _single(evidence: Evidence, key: Key, candidate: Candidate) -> Candidate:
+    """Return the most probable hypothesis of an effect by itself; another one where it was not examined so."""
+    own = [
+        c
+        for c in evidence.candidates
+        if len(c.hypothesis.forms) == 1 and evidence.found.key(c.hypothesis.forms[0]) == key
+    ]
+    return max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
+
+
+def _shows(question: Question, cause: Cause, alone: Simulated) -> bool:
+    """Return whether, with the first cause alone, the joint on which another one acts most still has a gap."""
+    torque = rms(added_torque(question, cause))
+    floor = question.machine.floor.rms
+    most = int(np.argmax(torque / floor))
+    return bool(rms(alone.after)[most] ** 2 > (1.0 + SAME_MACHINE) * floor[most] ** 2)
+
+
+def added_torque(question: Question, cause: Cause) -> list[Array]:
+    """Return the torques (T, R) [N m] of a cause along the recordings, by its columns."""
+    layout, found = question.machine.layout, []
+    form = None if cause.form is None else question.forms[cause.form]
+    for seen, span in zip(question.seen, question.spans, strict=True):
+        columns = layout.columns(seen.rows, seen.recording)
+        if form is not None and not cause.proposal.course:
+            own = columns[..., list(form.columns)]
+        elif form is not None and cause.proposal.clock:
+            own = columns[..., [layout.clock]]
+        else:
+            places = layout.places[layout.proposals.index(cause.proposal)] if form is None else [
+                layout.incident(cause.proposal)[k] for k in range(cause.sizes.shape[1])
+            ]
+            own = columns[..., list(places)]
+        each = np.nan_to_num(cause.course).T[slice(*span)] @ cause.sizes  # (B, M)
+        found.append(np.einsum("trm,tm->tr", own, np.repeat(each, 60, axis=0)[: len(seen.rows.t)]))
+    return found
+
+
+def _answer(
+    evidence: Evidence,
+    verdict: Verdict,
+    causes: tuple[Cause, ...],
+    simulated: Simulated,
+    refuted: Sequence[str],
+    same: dict[Key, Key],
+    rng: np.random.Generator,
+) -> Diagnosis:
+    question = evidence.found.question
+    named: list[Named] = []
+    if causes:
+        squares = [float(np.sum((rms(added_torque(question, c)) / question.machine.floor.rms) ** 2)) for c in causes]
+        keys = {c.key for c in causes}
+        for k, cause in enumerate(causes):
+            rivals = tuple(key for key in evidence.credible if key not in (*keys, NO_GAP, UNKNOWN)) if k == 0 else ()
+            share = squares[k] / max(sum(squares), 1e-300)
+            named.append(Named(cause, cause.probability, share, rivals, same.get(cause.key)))
+    spots = where(question, simulated.before)
+    return Diagnosis(
+        verdict,
+        tuple(named),
+        evidence,
+        simulated,
+        spots,
+        unexplained_shape(question, simulated.after),
+        refitted(question),
+        refuted=tuple(refuted),
+        picture=worst_place(question, simulated),
+        same=same,
+    )
