@@ -27,9 +27,9 @@ from cylforce.diagnosing.explain import (
     where,
     worst_place,
 )
-from cylforce.diagnosing.model import NOISE_S, HealthyMachine, Source, shared_noise
+from cylforce.diagnosing.model import HealthyMachine, Source, with_noise
 from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Candidate, Found, Key, Question, Twins, examined, without_gap
+from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Candidate, Found, Key, Question, examined, without_gap
 from cylforce.diagnosing.statistics import rms
 from cylforce.effects.library import Proposal
 from cylforce.signals.estimate import Array
@@ -87,17 +87,13 @@ def question_of(
     recordings: Sequence[Recording],
     rng: np.random.Generator,
     support: Callable[[int, Array], float] | None = None,
-) -> tuple[Question, Twins]:
-    """Return recordings beside a healthy machine, and their beginnings with the sensors' noise once more."""
-    seen, twins = [], []
-    steps = round(NOISE_S * machine.regressors.model.filters.rate_hz)
+) -> Question:
+    """Return recordings beside a healthy machine."""
+    own, layout, seen = machine.regressors, machine.layout, []
     for recording in recordings:
-        rows = machine.regressors.rows(recording, machine.layout.proposals)
-        seen.append(shared_noise(machine.regressors, machine.layout, recording, rows, machine.floor, machine.sensor_noise, rng))
-        values = recording.values[:steps]
-        twins.append(values + machine.sensor_noise * rng.standard_normal(values.shape))
-    question = Question(machine, tuple(seen), support=support)
-    return question, Twins(question, tuple(twins))
+        rows = own.rows(recording, layout.proposals)
+        seen.append(with_noise(own, layout, recording, rows, machine.floor, machine.sensor_noise, rng))
+    return Question(machine, tuple(seen), support=support)
 
 
 def diagnose(
@@ -112,8 +108,8 @@ def diagnose(
     wanted: whether an effect may be a cause
     """
     watch("columns of every effect")
-    question, twins = question_of(machine, recordings, rng)
-    found = examined(question, twins, wanted, watch)
+    question = question_of(machine, recordings, rng)
+    found = examined(question, wanted, watch)
     watch("locating the gap, simulating the effects")
     return concluded(found, rng)
 
@@ -135,6 +131,8 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
         if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
             if refused and verdict is Verdict.NO_GAP:
                 verdict = Verdict.UNKNOWN  # a wrong law of one effect is no sign of a healthy machine
+            if found.work is not None:  # unknown loads and contact may hide either
+                verdict = Verdict.NOT_OBSERVABLE
             return _answer(evidence, verdict, (), plain, refuted, same, rng)
         named, simulated, objection = _tried(evidence, key, rng)
         if not objection:
@@ -151,9 +149,14 @@ def _tried(evidence: Evidence, key: Key, rng: np.random.Generator) -> tuple[tupl
     if candidate is None:
         incident = max((i for i in evidence.incidents if i.key == key), key=lambda i: i.log)
         cause = cause_of_incident(evidence, incident)
+        if evidence.found.work is not None:
+            return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause, question.forms)
         simulated = Simulation(question, None).run((cause,), rng)
         objection = objection_to_magnitude(cause, question.forms) or objection_to_simulation(question, (cause,), simulated)
         return (cause,), simulated, objection
+    if evidence.found.work is not None:  # contact and loads, most of that gap, are nothing that an effect removes
+        (cause, *_) = causes_of(evidence, candidate)
+        return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause, question.forms)
     single = _single(evidence, key, candidate)
     (first,) = causes_of(evidence, single)[:1]
     alone = Simulation(question, single).run((first,), rng)

@@ -20,7 +20,7 @@ from cylforce.diagnosing.constants import (
     UNKNOWN_EFFECT,
 )
 from cylforce.diagnosing.likelihood import effective_share
-from cylforce.diagnosing.search import CONTACT, NO_GAP, UNKNOWN, Candidate, Found, Incident, Key
+from cylforce.diagnosing.search import CONTACT, NO_GAP, UNKNOWN, Candidate, Found, Incident, Key, Spill
 
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
@@ -55,7 +55,7 @@ class Evidence:
         return [c for c in self.found.candidates if not self.keys(c) & self.withdrawn]
 
     @cached_property
-    def incidents(self) -> list[Incident]:
+    def incidents(self) -> list[Incident | Spill]:
         """What happens in single blocks alone."""
         return [i for i in self.found.incidents if i.key not in self.withdrawn]
 
@@ -104,7 +104,7 @@ class Evidence:
         more = len(c.hypothesis.forms) - 1
         return sum(self._prior[p] for p in c.hypothesis.forms) + more * float(np.log(SECOND_EFFECT))
 
-    def prior_of_incident(self, i: Incident) -> float:
+    def prior_of_incident(self, i: Incident | Spill) -> float:
         """Return the log prior probability of something that happens in single blocks."""
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
@@ -167,7 +167,7 @@ class Evidence:
         whole = sum(found.values())
         return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
 
-    def key_of(self, i: Incident) -> Key:
+    def key_of(self, i: Incident | Spill) -> Key:
         """Return what an incident stands for.
 
         Transients whose removal does not change the residual beyond that of a healthy machine are no gap. Contact in

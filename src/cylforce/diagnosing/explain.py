@@ -34,7 +34,7 @@ from cylforce.diagnosing.model import (
     regime,
 )
 from cylforce.diagnosing.regressors import LOAD_CENTRE, Regressors, courses
-from cylforce.diagnosing.search import NO_GAP, STEP_COLUMNS, UNKNOWN, Candidate, Found, Incident, Key, Question, without_gap
+from cylforce.diagnosing.search import Candidate, Incident, Key, Question, Spill
 from cylforce.diagnosing.statistics import Mask, rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL, SHAPES, Place, TimeCourse
 from cylforce.effects.imposed import imposed
@@ -144,8 +144,13 @@ def _cause(
     return Cause(key, proposal, form, value, error, course, probability, nats, when)
 
 
-def cause_of_incident(evidence: Evidence, incident: Incident) -> Cause:
+def cause_of_incident(evidence: Evidence, incident: Incident | Spill) -> Cause:
     """Return something that happens in single blocks, with sizes of its own in each."""
+    if isinstance(incident, Spill):
+        probability = evidence.posterior.get(incident.key, 0.0)
+        nats, when = incident.log - evidence.found.healthy.log, f"{len(incident.sizes)} times"
+        sizes, errors = incident.sizes, incident.errors
+        return Cause(incident.key, incident.proposal, None, sizes, errors, incident.course, probability, nats, when)
     question, case = evidence.found.question, evidence.found.case
     held = replace(case, nuisance=incident.nuisance)
     h = held.hypothesis((), case.machine.noise)

@@ -56,7 +56,7 @@ NOISE_S = 120.0  # s of each recording on which shared sensor noise is simulated
 STEADY_BASE = 5e-4  # rad/s, rms: a base that stands seems to turn as fast; physics: noise of inclinometers, filtered
 FEWEST_REFERENCES = 2  # recordings, from which on the run-to-run variation is learnt
 VARIATION_TIMES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # factors on the stated variation; a factor of two is one sigma
-PRIOR_SHARES = (1.0, 0.5, 0.25, 0.125)  # factors on the healthy spread of errors of sensors, geometry and masses
+PRIOR_SHARES = (1.0, 0.5, 0.25, 0.125, 0.06)  # factors on the healthy spread of effects that are tried
 UNSEEN_WIDTH = 3.0  # factor on the spread of a noise that no reference shows
 VARYING = ("coulomb_friction", "viscous_friction", "friction_level_change", "asymmetric_friction", "pressure_offset")
 CREEP = ("stribeck", "presliding_hysteresis")
@@ -189,12 +189,24 @@ class Layout:
 
 @dataclass(frozen=True)
 class Seen:
-    """A recording of the healthy machine or of the machine under diagnosis, with its rows and blocks."""
+    """A recording with its rows.
+
+    recording: the recording
+    rows:      its rows
+    blocks:    [K columns | incidental | residual], whitened
+    added:     what the sensors' noise once more adds to the blocks of its beginning
+    twin:      (T', S) samples of its beginning with that noise
+    """
 
     recording: Recording
     rows: Rows
     blocks: Blocks
-    noise: SharedNoise
+    added: Blocks
+    twin: Array
+
+    def shared(self, columns: Sequence[int]) -> SharedNoise:
+        """Return the sensor noise that columns share with the residual."""
+        return SharedNoise.of(self.added, columns)
 
 
 @dataclass(frozen=True)
@@ -356,7 +368,7 @@ def learnt(
         floor = _with_sensor_noise(regressors, recordings, rows, floor, sensor_noise, rng)
     own = [*range(layout.size)]
     seen = [
-        shared_noise(regressors, layout, recording, r, floor, sensor_noise, rng)
+        with_noise(regressors, layout, recording, r, floor, sensor_noise, rng)
         for recording, r in zip(recordings, rows, strict=True)
     ]
     grams = _by_recording(layout, seen, own)
@@ -403,8 +415,7 @@ def gram_with_loads(layout: Layout, seen: Seen, own: list[int], loaded: Sequence
     for k, name in enumerate(loaded):
         if name != seen.recording.name or not seen.recording.load_kg:
             rows[..., len(columns) + CENTRE * k : len(columns) + CENTRE * (k + 1)] = 0.0
-    own_noise = seen.noise.products[..., [*columns, -1]]
-    noise = _padded(SharedNoise(own_noise, seen.noise.counts), len(columns), CENTRE * len(loaded), seen.blocks.usable.shape[2])
+    noise = _padded(seen.shared(columns), len(columns), CENTRE * len(loaded), seen.blocks.usable.shape[2])
     units = np.concatenate([unit, np.tile(LOAD_CENTRE, len(loaded))])
     return Gram.of(Blocks(rows, blocks.usable), range(rows.shape[-1] - 1), units, noise)
 
@@ -418,7 +429,7 @@ def _padded(noise: SharedNoise, own: int, more: int, joints: int) -> SharedNoise
     return SharedNoise(found, noise.counts)
 
 
-def shared_noise(
+def with_noise(
     regressors: Regressors,
     layout: Layout,
     recording: Recording,
@@ -438,7 +449,7 @@ def shared_noise(
     twin = replace(recording, values=values + sensor_noise * rng.standard_normal(values.shape))
     noisy = layout.columns(regressors.rows(twin, layout.proposals), twin)
     added = Blocks.whitened(noisy - columns[: len(noisy)], floor)
-    return Seen(recording, rows, blocks, SharedNoise.of(added, range(layout.size + LOAD_COLUMNS.stop)))
+    return Seen(recording, rows, blocks, added, twin.values)
 
 
 def _with_sensor_noise(
@@ -483,14 +494,25 @@ mean_squares = _mean_squares
 
 
 def _learnt_machine(layout: Layout, grams: Sequence[Gram], rate_hz: float, shares: Sequence[float]) -> Machine:
-    """Return what recordings tell of the columns: the healthy spread as prior, its share the one that is likeliest."""
+    """Return what recordings tell of the columns.
+
+    Empirical Bayes: the healthy spread of effects is multiplied by the share that makes the recordings most probable,
+    first of errors of sensors, geometry and masses, then of laws of force.
+    """
     size, total = layout.size, Gram.total(grams)
-    unit = np.concatenate([layout.unit, np.tile(LOAD_CENTRE, (total.whole.shape[-1] - 1 - size) // CENTRE)])
-    fits = []
-    for share in shares:
-        healthy = np.concatenate([np.where(layout.static, share, 1.0) * layout.healthy, np.ones(len(unit) - size)])
-        fits.append((*_posterior_of(total, healthy), healthy))
-    noise, mean, covariance, _, healthy = max(fits, key=lambda fit: fit[3])
+    more = np.ones(total.whole.shape[-1] - 1 - size)
+    effects = np.arange(size) >= layout.first
+    healthy = np.concatenate([layout.healthy, more])
+    best = (*_posterior_of(total, healthy), healthy)
+    for group in (layout.static, effects & ~layout.static):
+        before = best[4]
+        for share in shares[1:]:
+            trial = before * np.concatenate([np.where(group, share, 1.0), more])
+            fit = (*_posterior_of(total, trial), trial)
+            if fit[3] <= best[3]:
+                break
+            best = fit
+    noise, mean, covariance, _, healthy = best
     forms = forms_of(layout)
     variation = _stated_variation(layout, forms, mean[:size], rate_hz)
     covariance = _unsure_signs(forms, layout.unit, mean[:size], covariance[:size, :size])
@@ -600,24 +622,21 @@ def _learnt_variation(
 ) -> Array:
     """Return the run-to-run variation (K,) that makes each recording most probable by the others, up or down.
 
-    First of what varies by its nature, then of everything else but what differs from start to start.
+    Only of friction and pressure zeros, which vary by their nature. How badly recordings of different motion predict each
+    other is model error; geometry, masses and gains do not vary.
     """
-    varying, others = np.zeros(layout.size, dtype=np.bool_), np.ones(layout.size, dtype=np.bool_)
+    varying = np.zeros(layout.size, dtype=np.bool_)
     varying[[c for f in forms if f.name in (*VARYING, *CREEP) for c in f.columns]] = True
-    others[[c for f in forms if f.name in START_TO_START for c in f.columns]] = False
     fits = [_posterior_of(Gram.total([g for j, g in enumerate(grams) if j != k]), healthy) for k in range(len(grams))]
-    found, more = stated, np.zeros(len(healthy) - layout.size)
-    for which in (varying, others & ~varying):
-        logs = []
-        for times in VARIATION_TIMES:
-            trial = np.append(np.where(which, times * found, found), more)
-            log = -0.5 * float(np.log2(times)) ** 2
-            for gram, (noise, mean, covariance, _) in zip(grams, fits, strict=True):
-                case = Likelihood(gram, np.ones(len(healthy)), (), Machine(mean, covariance, trial, noise))
-                log += case.hypothesis((), noise).log
-            logs.append(log)
-        found = np.where(which, VARIATION_TIMES[int(np.argmax(logs))] * found, found)
-    return found
+    more, logs = np.zeros(len(healthy) - layout.size), []
+    for times in VARIATION_TIMES:
+        trial = np.append(np.where(varying, times * stated, stated), more)
+        log = -0.5 * float(np.log2(times)) ** 2
+        for gram, (noise, mean, covariance, _) in zip(grams, fits, strict=True):
+            case = Likelihood(gram, np.ones(len(healthy)), (), Machine(mean, covariance, trial, noise))
+            log += case.hypothesis((), noise).log
+        logs.append(log)
+    return np.asarray(np.where(varying, VARIATION_TIMES[int(np.argmax(logs))] * stated, stated))
 
 
 # From an identification

@@ -9,11 +9,16 @@ import numpy as np
 
 from cylforce.diagnosing.constants import (
     BLOCK_ROWS,
+    CARRY_BACK,
     FEW_BLOCKS,
     HEALTHY,
+    INCIDENT,
     INCIDENT_SIZES,
+    PAYLOAD,
+    POLYNOMIALS,
     SAME_MACHINE,
     SECOND_EFFECT,
+    SPILL,
     UNKNOWN_EFFECT,
 )
 from cylforce.diagnosing.likelihood import (
@@ -22,14 +27,17 @@ from cylforce.diagnosing.likelihood import (
     Form,
     Hypothesis,
     Likelihood,
+    Losses,
     Machine,
     Nuisance,
-    ResidualNoise,
+    Payload,
     _Marginal,
     _positive,
     effective_share,
+    free_stretches,
     likeliest_noise,
     log_evidence,
+    log_of_other_rows,
     log_prior_of_blocks,
 )
 from cylforce.diagnosing.model import (
@@ -45,6 +53,7 @@ from cylforce.diagnosing.regressors import LOAD_CENTRE, Regressors
 from cylforce.diagnosing.statistics import Blocks, Gram, Mask, SharedNoise, rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL, TimeCourse
 from cylforce.effects.imposed import Imposed
+from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
@@ -201,7 +210,7 @@ class Question:
             mask = None if kept is None else kept[first : first + len(blocks.rows)]
             first += len(blocks.rows)
             own = blocks if mask is None else blocks.masked(mask)
-            parts.append(Gram.of(own, range(self.size), self.unit, self._padded(seen.noise)))
+            parts.append(Gram.of(own, range(self.size), self.unit, self._padded(seen.shared(range(self.machine.layout.size)))))
         found = Gram.total(parts)
         return found if self.noise is None else found.with_noise(self.noise)
 
@@ -286,61 +295,48 @@ class Question:
             found.append(np.where(usable, value, np.nan))
         return found
 
-    def corrected(self, applied: Sequence[tuple[int, Applied]], noise_before: Array, rng_twins: "Twins") -> "Question":
+    def corrected(self, applied: Sequence[tuple[int, Applied]]) -> "Question":
         """Return the question with effects, by number of their form, taken out of the readings at their sizes.
 
-        The columns of all other effects stay as they are.
+        The columns of all other effects stay as they are. The sensors' noise in the residual is what a recording with
+        noise once more has, corrected likewise: a correction may neither remove noise nor make it look like an effect.
         """
-        regressors, layout = self.machine.regressors, self.machine.layout
+        machine, layout = self.machine, self.machine.layout
         effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
         own = [a.proposal for _, a in applied if not a.proposal.clock]
-        seen = []
+        places = [k - layout.first for p in own for k in layout.places[layout.proposals.index(p)]]
+        seen, before, after = [], list[SharedNoise](), list[SharedNoise]()
         for each in self.seen:
-            other, recording = regressors.corrected(each.recording, effects)
-            rows = other.rows(recording, own, np.isnan(each.rows.residual))
+            lost = np.isnan(each.rows.residual)
+            other, recording = machine.regressors.corrected(each.recording, effects)
+            rows = other.rows(recording, own, lost)
             columns = each.rows.effects.copy()
-            places = [k - layout.first for p in own for k in layout.places[layout.proposals.index(p)]]
             columns[..., places] = rows.effects
             rows = replace(rows, effects=columns)
-            blocks = Blocks.whitened(layout.columns(rows, recording), self.machine.floor)
-            seen.append(Seen(recording, rows, blocks, each.noise))
+            twins = []
+            for samples in (each.recording.values[: len(each.twin)], each.twin):
+                other, twin = machine.regressors.corrected(replace(each.recording, values=samples), effects)
+                twins.append(other.residual(twin, lost))
+            noise = Blocks.whitened((twins[1] - twins[0])[..., None], machine.floor)
+            both = each.added.usable & noise.usable[: len(each.added.usable)]
+            added = np.concatenate([each.added.rows[..., :-1], noise.rows[: len(both)]], axis=-1) * both[..., None]
+            found = replace(each, recording=recording, rows=rows, added=Blocks(np.asarray(added, dtype=np.float32), both))
+            seen.append(replace(found, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
+            before.append(each.shared(()))
+            after.append(found.shared(()))
         unit = {p: self.unit[list(self.forms[p].columns)] for p, _ in applied}
         return replace(
             self,
             seen=tuple(seen),
             applied={p: a.sizes / unit[p] for p, a in applied},
-            noise=noise_before - rng_twins.energy(effects),
+            noise=_energy_of(before) - _energy_of(after),
         )
 
 
-@dataclass(frozen=True)
-class Twins:
-    """The beginnings of recordings with the sensors' noise once more: how much noise a correction removes.
-
-    question: the recordings as they are
-    values:   (T, S) noisy samples of each
-    """
-
-    question: Question
-    values: tuple[Array, ...]
-
-    def energy(self, effects: Sequence[Imposed]) -> Array:
-        """Return the energy (R, 1 + POLYNOMIALS) of the sensors' noise in the residual, once effects are taken out."""
-        machine, found = self.question.machine, []
-        for seen, values in zip(self.question.seen, self.values, strict=True):
-            lost, each = np.isnan(seen.rows.residual), []
-            for samples in (seen.recording.values[: len(values)], values):
-                other, recording = machine.regressors.corrected(replace(seen.recording, values=samples), effects)
-                each.append(other.residual(recording, lost))
-            added = Blocks.whitened((each[1] - each[0])[..., None], machine.floor)
-            found.append(SharedNoise.of(added, []))
-        products = np.concatenate([n.products for n in found])
-        return SharedNoise(products, np.concatenate([n.counts for n in found])).energy()
-
-    @cached_property
-    def before(self) -> Array:
-        """The same energy without any correction."""
-        return self.energy(())
+def _energy_of(parts: Sequence[SharedNoise]) -> Array:
+    """Return the energy (R, 1 + POLYNOMIALS) of the sensors' noise in the residual of recordings."""
+    products, counts = np.concatenate([n.products for n in parts]), np.concatenate([n.counts for n in parts])
+    return SharedNoise(products, counts).energy()
 
 
 # Screening and beam
@@ -514,6 +510,158 @@ def _step_gain(score: Array, information: Array, first: int, changed: int, end: 
     return float(log_evidence(pulled, whole) - log_evidence(pulled[:before], whole[:before, :before]))
 
 
+# Working recordings: unknown loads, and contact during which nothing is known
+
+
+@dataclass(frozen=True)
+class Spill:
+    """A part of an unknown load that fell out while nothing touched the teeth.
+
+    key, proposal: the effect
+    sizes:   (W, M) change of the load at each of W times [kg, kg m, kg m]
+    errors:  (W, M) standard errors
+    course:  (W, B) blocks after each time, until the load is gone
+    log:     log probability with the recordings
+    rest:    residual at the worst joint, in noise floors
+    before:  the same if no load lost a part
+    """
+
+    key: Key
+    proposal: Proposal
+    sizes: Array
+    errors: Array
+    course: Array
+    log: float
+    rest: float
+    before: float
+
+    @property
+    def share(self) -> float:
+        """Number of times over the number of blocks."""
+        return len(self.sizes) / self.course.shape[1]
+
+
+@dataclass(frozen=True)
+class Work:
+    """Recordings in which the machine works: only the stretches free of contact count, each beside one payload.
+
+    question: the recordings with these rows
+    case:     their likelihood beside the payloads
+    gaps:     (R,) residual beside the payloads before any effect, in noise floors
+    share:    share of the rows with contact or an unknown load
+    spill:    load that fell out; None if none did
+    names:    of the recordings that work
+    """
+
+    question: Question
+    case: Likelihood
+    gaps: Array
+    share: float
+    spill: Spill | None
+    names: frozenset[str]
+
+
+def at_work(question: Question, names: frozenset[str]) -> Work | None:
+    """Return recordings with the stretches of those that may work; None where none is free of contact."""
+    machine, unit, size = question.machine, np.append(question.unit, 1.0), question.size
+    settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
+    laid, numbers, sizes, carried, parts, apart = list[Array | None](), list[int](), list[float](), list[bool](), list[tuple[int, int]](), 0.0
+    busy, total, lifts = 0, 0, 0
+    for seen, blocks, (first_block, _) in zip(question.seen, question.blocks, question.spans, strict=True):
+        rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
+        usable = blocks.usable.reshape(-1, blocks.usable.shape[2])
+        if seen.recording.name not in names:
+            laid.append(None)
+            numbers += [len(carried)] * len(blocks.rows)
+            sizes += [0.0] * len(blocks.rows)
+            carried.append(False)
+            parts.append((first_block, first_block + len(blocks.rows)))
+            continue
+        lasting_rows = np.concatenate([rows[..., :size], rows[..., -1:]], axis=-1).astype(np.float64)
+        residual = lasting_rows @ (question.plain * unit)
+        tilt = np.pad(np.sum(seen.rows.posture, axis=1), (0, len(rows) - len(seen.rows.t)), mode="edge")
+        found = free_stretches(residual, rows[..., size : size + 4].astype(np.float64), usable, tilt, typical, settle)
+        own: list[Array] = []
+        for stretch in found:
+            inside = np.arange(stretch.first, stretch.last)
+            for part in np.array_split(inside, -(-len(inside) // BLOCK_ROWS)):
+                own.append(np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]))
+                numbers.append(len(carried))
+                sizes.append(PAYLOAD if stretch.loaded else CARRY_BACK)
+            carried.append(stretch.carried_on and not seen.recording.load_kg)
+            parts.append((first_block + stretch.first // BLOCK_ROWS, first_block + (stretch.last - 1) // BLOCK_ROWS + 1))
+            length = stretch.last - stretch.first + 2 * settle
+            busy += 0 if not stretch.loaded or seen.recording.load_kg else length
+            total -= 0 if stretch.loaded and not seen.recording.load_kg else length
+            lifts += length if stretch.loaded else 0
+        total += len(seen.rows.t)
+        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]).astype(np.int_))
+        apart += log_of_other_rows(residual, usable, found)
+    count = sum(len(s.rows.t) for s in question.seen if s.recording.name in names)
+    if not numbers or not any(sizes):
+        return None
+    other = replace(question, laid=tuple(laid))
+    case = other.likelihood()
+    plain = Nuisance.of(other.blocks, range(size), question.unit, range(size, size + 4), typical)
+    scaled = plain.sized(np.array(sizes))
+    shared = np.concatenate([_shared_by_block(s.shared(range(machine.layout.size, machine.layout.size + 4)), b, typical) for s, b in zip(question.seen, other.blocks, strict=True)])
+    payload = Payload(
+        scaled.across,
+        scaled.within,
+        scaled.waves,
+        scaled.smooth,
+        np.array(numbers),
+        np.array(carried),
+        shared * np.array(sizes)[:, None, None, None],
+        case.gram.noise_energy,
+    )
+    free = replace(case, nuisance=payload.with_loads(np.zeros(len(carried), dtype=np.bool_)), apart=apart)
+    losses = payload.losses(free.under((), free.state(machine.machine.noise))[2], machine.machine.noise)
+    same = replace(free, nuisance=payload)
+    gaps = same.rests(other.plain, machine.machine.noise)
+    changed = replace(free, nuisance=payload.with_loads(payload.carried_on & ~losses.differs))
+    spill = _spill(question, changed, payload, losses, parts, gaps)
+    return Work(other, changed, gaps, total / max(count, 1), spill, names)
+
+
+def _shared_by_block(noise: SharedNoise, blocks: Blocks, typical: Array) -> Array:
+    """Return the shared noise (B, R, 1 + POLYNOMIALS, 4) of a load's columns in every block, the mean one per row."""
+    joints = blocks.usable.shape[2]
+    if not len(noise.products):
+        return np.zeros((len(blocks.rows), joints, 1 + POLYNOMIALS, 4))
+    products = noise.products[..., :4].sum(axis=0) * typical
+    rows, count = np.maximum(noise.counts.sum(axis=0), 1.0), np.maximum((noise.counts > 0.0).sum(axis=0), 1.0)
+    found = np.tile(products / count[:, None, None], (len(blocks.rows), 1, 1, 1))
+    found[:, :, 0] = products[:, 0] / rows[:, None] * blocks.counts[..., None]
+    return np.asarray(found)
+
+
+def _spill(
+    question: Question, case: Likelihood, payload: Payload, losses: Losses, parts: list[tuple[int, int]], gaps: Array
+) -> Spill | None:
+    """Return what fell out of loads that are carried on, beside a healthy machine, of which a load seldom does so."""
+    proposal = next((p for p in question.machine.layout.proposals if p.name == PayloadSpill().about.name), None)
+    if proposal is None or not np.any(losses.fell):
+        return None
+    idle = case.likeliest((), case.machine.noise)
+    unit = PAYLOAD * question.machine.layout.typical[:3]
+    sizes, errors = (each[losses.fell][:, :3] * unit for each in (-losses.less, losses.errors))
+    about = proposal.about
+    errors = np.hypot(errors, about.form * np.abs(sizes))
+    form = Form(proposal.name, proposal.at, (0,), about.low, about.high, about.sign)
+    size = about.sign * float(np.sqrt(np.mean(sizes[:, 0] ** 2)))
+    density = form.log_prior(np.array([size]), np.array([[np.mean(errors[:, 0] ** 2) / len(sizes)]]))
+    carried = losses.fell[payload.carried_on]
+    often, seldom = (float(np.sum(np.log(np.where(carried, p, 1.0 - p)))) for p in (INCIDENT, SPILL))
+    log = idle.log + density + float(np.log(np.sqrt(2.0 * np.pi) * unit[0])) + often - seldom
+    load, number = np.cumsum(~payload.carried_on), np.arange(len(payload.carried_on))
+    course = np.zeros((int(np.sum(losses.fell)), len(question.times)))
+    for row, n in enumerate(np.flatnonzero(losses.fell)):
+        for k in number[(load == load[n]) & (number >= n)]:
+            course[row, slice(*parts[k])] = 1.0
+    return Spill((proposal.name, proposal.at), proposal, sizes, errors, course, log, idle.rest, float(np.max(gaps)))
+
+
 # The whole search
 
 
@@ -550,15 +698,15 @@ class Found:
     candidates:  hypotheses of effects that last, with or without an incident beside; the healthy machine among them
     incidents:   what happens in single blocks alone
     gaps:        (R,) residual of each joint before any effect, in noise floors
-    working:     names of recordings in which the machine works
+    work:        recordings in which the machine works; None where it does not
     """
 
     question: Question
     case: Likelihood
     candidates: tuple[Candidate, ...]
-    incidents: tuple[Incident, ...]
+    incidents: tuple[Incident | Spill, ...]
     gaps: Array
-    working: frozenset[str] = frozenset()
+    work: Work | None = None
 
     @property
     def healthy(self) -> Candidate:
@@ -578,7 +726,6 @@ def without_gap(residual: Array, floor: Array | float = 1.0) -> Mask:
 
 def examined(
     question: Question,
-    twins: Twins,
     wanted: Callable[[Proposal], bool],
     watch: Callable[[str], None] = lambda _: None,
     gate: bool = True,
@@ -610,9 +757,49 @@ def examined(
     if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
         held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
         candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms]
+    work = _work(question, candidates, alone)
+    if work is not None:
+        return _examined_at_work(question, work, wanted, gate)
     watch("effects at their magnitudes")
-    candidates = _at_magnitudes(question, twins, candidates, allowed)
+    candidates = _at_magnitudes(question, candidates, allowed)
     return Found(question, case, tuple(candidates), tuple(alone), gaps)
+
+
+def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[Incident]) -> Work | None:
+    """Return the recordings as working ones where that is likelier than all that was found for each of them.
+
+    Every recording is judged by itself: a check-up counts in full beside a day of work.
+    """
+    files = list(dict.fromkeys(s.recording.name for s in question.seen))
+    chosen = set[str]()
+    for name in files:
+        if len(files) == 1:
+            part, logs = question, [c.log for c in candidates] + [i.log for i in alone]
+        else:
+            part = replace(question, seen=tuple(s for s in question.seen if s.recording.name == name), step=None)
+            case = part.likelihood()
+            logs = [h.log for h in searched(case, [k for k, f in enumerate(part.forms) if f.columns])]
+            logs += [i.log for i in incidents(part, case, part.plain, lambda _: True)]
+        work = at_work(part, frozenset({name}))
+        if work is None or work.share <= FEW_BLOCKS:
+            continue
+        idle = work.case.likeliest((), work.case.machine.noise)
+        if idle.log > max(logs):
+            chosen.add(name)
+    return at_work(question, frozenset(chosen)) if chosen else None
+
+
+def _examined_at_work(question: Question, work: Work, wanted: Callable[[Proposal], bool], gate: bool) -> Found:
+    """Return what may be a cause beside unknown loads; masses on the tool are such loads themselves."""
+    other, last = work.question, len(question.machine.regressors.model.machine.links) - 1
+    allowed = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
+    if gate:
+        allowed = _showing(other, work.case, allowed, without_gap(work.gaps))
+    if work.names == {s.recording.name for s in question.seen}:
+        allowed = [k for k in allowed if not (other.proposals[k].weighs and other.proposals[k].where == last)]
+    found = [Candidate(h, other) for h in searched(work.case, allowed)]
+    spills = (work.spill,) if work.spill and wanted(work.spill.proposal) else ()
+    return Found(other, work.case, tuple(found), spills, work.gaps, work)
 
 
 def _showing(question: Question, case: Likelihood, allowed: list[int], still: Mask) -> list[int]:
@@ -621,7 +808,7 @@ def _showing(question: Question, case: Likelihood, allowed: list[int], still: Ma
     for k in allowed:
         form, p = question.forms[k], question.proposals[k]
         columns = list(form.columns)
-        if p.course or form.name == GLITCH or not columns:
+        if p.course is TimeCourse.AFTER or form.name == GLITCH or not columns:
             found.append(k)
             continue
         energy = case.gram.whole[:, columns, columns] / np.maximum(case.gram.rows, 1.0)[:, None]
@@ -630,7 +817,7 @@ def _showing(question: Question, case: Likelihood, allowed: list[int], still: Ma
     return found
 
 
-def _at_magnitudes(question: Question, twins: Twins, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
+def _at_magnitudes(question: Question, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
     """Return the candidates, the most probable ones with their columns at their magnitudes, and one effect more beside
     the first of them."""
 
@@ -643,7 +830,7 @@ def _at_magnitudes(question: Question, twins: Twins, candidates: list[Candidate]
     found = {(c.hypothesis.forms, c.incident is not None): c for c in candidates}
     for forms, c in chosen.items():
         if any(question.proposals[p].bends for p in forms):
-            found[forms, False] = corrected(question, twins, c)
+            found[forms, False] = corrected(question, c)
     best = max(found.values(), key=lambda c: c.log)
     if best.question is not question and len(best.hypothesis.forms) == 1:
         case = best.question.likelihood()
@@ -655,7 +842,7 @@ def _at_magnitudes(question: Question, twins: Twins, candidates: list[Candidate]
     return list(found.values())
 
 
-def corrected(question: Question, twins: Twins, candidate: Candidate) -> Candidate:
+def corrected(question: Question, candidate: Candidate) -> Candidate:
     """Return a candidate with its effects taken out of the readings at their magnitudes, until these stay.
 
     Errors of sensors and of geometry are not linear in their magnitude.
@@ -666,7 +853,7 @@ def corrected(question: Question, twins: Twins, candidate: Candidate) -> Candida
         applied = _applied(question, now)
         if any(float(np.linalg.norm(a.sizes[: question.forms[p].components])) > BEYOND * question.forms[p].high for p, a in applied):
             break
-        other = question.corrected(applied, twins.before, twins)
+        other = question.corrected(applied)
         case = other.likelihood()
         if float(np.sum(case.gram.rows)) < KEPT_ROWS * rows:
             break  # at these magnitudes the machine could not have moved so
