@@ -5,7 +5,7 @@ sheet are four ways to the same object. It holds parameters and columns with mea
 level of the model discrepancy, the run-to-run variation, and what the sensors of a healthy machine show."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 
@@ -35,7 +35,9 @@ from cylforce.diagnosing.regressors import (
     LOAD_CENTRE,
     LOAD_COLUMNS,
     Regressors,
+    ReturnLaw,
     Rows,
+    return_laws,
     typical_incidents,
 )
 from cylforce.diagnosing.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
@@ -227,7 +229,7 @@ class HealthyMachine:
     base_rate:     rms rate of the base [rad/s]
     references:    number of recordings
     loaded:        whether one of them has a known load
-    prior_share:   factor on the healthy spread of errors of sensors, geometry and masses that its recordings show
+    returns:       laws of the return pressures, by signal
     """
 
     regressors: Regressors
@@ -244,12 +246,7 @@ class HealthyMachine:
     base_rate: float
     references: int
     loaded: bool = False
-    prior_share: float = 1.0
-
-    @cached_property
-    def dry_friction(self) -> Array | None:
-        """Known dry friction (C,) [N] of the cylinders at rest, without the part that grows with the force."""
-        return None
+    returns: dict[int, ReturnLaw] = field(default_factory=dict)
 
 
 def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
@@ -266,7 +263,10 @@ def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
         if each.load_kg:
             centre[..., CENTRE * k : CENTRE * (k + 1)] = whole[..., size + 1 : size + 1 + CENTRE]
         columns.append(np.concatenate([whole[..., : layout.first], centre, whole[..., -1:]], axis=-1))
-    prior, mean = np.diag(np.concatenate([layout.unit[: layout.first], np.tile(LOAD_CENTRE, len(recordings))]) ** -2.0), 0.0
+    prior, mean = (
+        np.diag(np.concatenate([layout.unit[: layout.first], np.tile(LOAD_CENTRE, len(recordings))]) ** -2.0),
+        0.0,
+    )
     prior[:count, :count] = np.linalg.inv(model.prior.covariance)
     mean = np.zeros(len(prior))
     mean[:count] = model.prior.mean
@@ -388,6 +388,9 @@ def learnt(
         base_rate,
         len({each.name for each in recordings}),
         any(loads),
+        return_laws(
+            regressors.model.machine, list(zip(recordings, rows, strict=True)), regressors.model.filters.rate_hz
+        ),
     )
 
 
@@ -402,7 +405,9 @@ def _by_recording(layout: Layout, seen: Sequence[Seen], own: list[int]) -> list[
     return found
 
 
-def gram_with_loads(layout: Layout, seen: Seen, own: list[int], loaded: Sequence[str], mask: Mask | None = None) -> Gram:
+def gram_with_loads(
+    layout: Layout, seen: Seen, own: list[int], loaded: Sequence[str], mask: Mask | None = None
+) -> Gram:
     """Return the Gram of a recording with columns `own`, then where the load of each loaded recording hangs.
 
     loaded: names of the loaded recordings
@@ -714,7 +719,9 @@ def _without_blocks(rows: Rows, kept: Mask) -> Rows:
     return replace(rows, residual=np.where(on[:, None], rows.residual, np.nan))
 
 
-QUIET_SHARE = 0.25  # of the rows, with which the search begins: so much of its time a digging machine is empty (physics)
+QUIET_SHARE = (
+    0.25  # of the rows, with which the search begins: so much of its time a digging machine is empty (physics)
+)
 STARTS = 64  # single blocks from which the search begins
 TRIM_ROUNDS = 20
 
@@ -866,7 +873,9 @@ def regime(name: str, rows: Rows, recording: Recording, cylinder: int, joint: in
     return found[name]
 
 
-def regime_rms(model: Model, rows: Sequence[Rows], recordings: Sequence[Recording], residuals: Sequence[Array]) -> Array:
+def regime_rms(
+    model: Model, rows: Sequence[Rows], recordings: Sequence[Recording], residuals: Sequence[Array]
+) -> Array:
     """Return the rms (regimes, R) [N m] of residuals (T, R) by regime; NaN where a regime does not occur."""
     found = np.full((len(REGIMES), len(model.machine.rows)), np.nan)
     for k, name in enumerate(REGIMES):
