@@ -3,7 +3,7 @@
 The modules stand in the order of the work: recordings, regressors, statistics, likelihood, model, search, decide,
 explain."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -86,14 +86,17 @@ def question_of(
     machine: HealthyMachine,
     recordings: Sequence[Recording],
     rng: np.random.Generator,
-    support: Callable[[int, Array], float] | None = None,
+    jumps: Mapping[int, float] | None = None,
 ) -> Question:
-    """Return recordings beside a healthy machine."""
+    """Return recordings beside a healthy machine.
+
+    jumps: evidence [nats] of the number of jumps of a reading, by its signal
+    """
     own, layout, seen = machine.regressors, machine.layout, []
     for recording in recordings:
         rows = own.rows(recording, layout.proposals)
         seen.append(with_noise(own, layout, recording, rows, machine.floor, machine.sensor_noise, rng))
-    return Question(machine, tuple(seen), support=support)
+    return Question(machine, tuple(seen), jumps=jumps or {})
 
 
 def diagnose(
@@ -152,7 +155,9 @@ def _tried(evidence: Evidence, key: Key, rng: np.random.Generator) -> tuple[tupl
         if evidence.found.work is not None:
             return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause, question.forms)
         simulated = Simulation(question, None).run((cause,), rng)
-        objection = objection_to_magnitude(cause, question.forms) or objection_to_simulation(question, (cause,), simulated)
+        objection = objection_to_magnitude(cause, question.forms) or objection_to_simulation(
+            question, (cause,), simulated
+        )
         return (cause,), simulated, objection
     if evidence.found.work is not None:  # contact and loads, most of that gap, are nothing that an effect removes
         (cause, *_) = causes_of(evidence, candidate)
@@ -201,9 +206,11 @@ def added_torque(question: Question, cause: Cause) -> list[Array]:
         elif form is not None and cause.proposal.clock:
             own = columns[..., [layout.clock]]
         else:
-            places = layout.places[layout.proposals.index(cause.proposal)] if form is None else [
-                layout.incident(cause.proposal)[k] for k in range(cause.sizes.shape[1])
-            ]
+            places = (
+                layout.places[layout.proposals.index(cause.proposal)]
+                if form is None
+                else [layout.incident(cause.proposal)[k] for k in range(cause.sizes.shape[1])]
+            )
             own = columns[..., list(places)]
         each = np.nan_to_num(cause.course).T[slice(*span)] @ cause.sizes  # (B, M)
         found.append(np.einsum("trm,tm->tr", own, np.repeat(each, 60, axis=0)[: len(seen.rows.t)]))

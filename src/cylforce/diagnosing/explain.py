@@ -193,7 +193,10 @@ def objection_to_magnitude(cause: Cause, forms: Sequence[Form]) -> str:
 
 def blocks_of(question: Question, causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """Return causes as blocks `[[effects]]` for the simulated machine; clocks last, because they shift all readings."""
-    machine, groups = question.machine.regressors.model.machine, tuple(p.group for p in question.machine.layout.proposals)
+    machine, groups = (
+        question.machine.regressors.model.machine,
+        tuple(p.group for p in question.machine.layout.proposals),
+    )
     found = []
     for cause in sorted(causes, key=lambda c: c.proposal.clock):
         for block in _blocks_of(question, cause):
@@ -300,7 +303,10 @@ class Simulation:
             after = self._residuals(causes, fold != 0)
             for k in range(1, FOLDS):
                 other = self._residuals(causes, fold != k)
-                after = [self._chosen(a, b, fold == k, span) for a, b, span in zip(after, other, self.question.spans, strict=True)]
+                after = [
+                    self._chosen(a, b, fold == k, span)
+                    for a, b, span in zip(after, other, self.question.spans, strict=True)
+                ]
         machine = self.question.machine
         value, (low, high) = closure(
             np.concatenate([mean_squares(e) for e in before]),
@@ -321,7 +327,11 @@ class Simulation:
             return self.question.residuals()
         sized, coefficients = self._fitted(causes, kept)
         effects = [
-            _read(self.question.machine.regressors.model.machine, block, tuple(p.group for p in self.question.machine.layout.proposals))
+            _read(
+                self.question.machine.regressors.model.machine,
+                block,
+                tuple(p.group for p in self.question.machine.layout.proposals),
+            )
             for block in blocks_of(self.question, sized)
         ]
         seen = []
@@ -366,7 +376,9 @@ class Simulation:
             sized.append(replace(cause, sizes=sizes))
             k += m
         coefficients = other.beside(more)
-        if self.question.machine.references == 0:  # parameters known as well as they were identified give way to effects
+        if (
+            self.question.machine.references == 0
+        ):  # parameters known as well as they were identified give way to effects
             coefficients = coefficients.copy()
             coefficients[: layout.first] = residual[: layout.first]
         return sized, coefficients
@@ -511,7 +523,11 @@ def where(question: Question, residuals: Sequence[Array]) -> list[Spot]:
         rows = sum(int(np.sum(np.isfinite(e[:, r]))) for e in residuals)
         excess = float(rms(residuals)[r] ** 2 - floor**2) * rows
         for k, name in enumerate(REGIMES):
-            healthy = floor if machine.regimes is None or not np.isfinite(machine.regimes[k, r]) else float(machine.regimes[k, r])
+            healthy = (
+                floor
+                if machine.regimes is None or not np.isfinite(machine.regimes[k, r])
+                else float(machine.regimes[k, r])
+            )
             spans, energy, count = [], 0.0, 0
             for s, e in zip(question.seen, residuals, strict=True):
                 here = np.where(regime(name, s.rows, s.recording, model.acting[r][0], joint), e[:, r], np.nan)
@@ -525,11 +541,23 @@ def where(question: Question, residuals: Sequence[Array]) -> list[Spot]:
                 p = _p_value(np.log(np.array(spans) + 1e-12) - np.log(ENERGY_MARGIN * healthy**2))
                 share = (energy - healthy**2 * count) / excess if excess > 0.0 else 0.0
                 rest = float(np.sqrt(energy / count))
-                spots.append(Spot(model.machine.links[joint].name, name, rest, healthy, float(np.clip(share, 0.0, 1.0)), p, found=False))
+                spots.append(
+                    Spot(
+                        model.machine.links[joint].name,
+                        name,
+                        rest,
+                        healthy,
+                        float(np.clip(share, 0.0, 1.0)),
+                        p,
+                        found=False,
+                    )
+                )
     order = sorted(spots, key=lambda s: s.p)
     last = max((k for k, s in enumerate(order, 1) if s.p <= FALSE_DISCOVERIES * k / len(order)), default=0)
     marked = [replace(s, found=k < last) for k, s in enumerate(order)]
-    ratio = dict(zip((model.machine.links[j].name for j in model.machine.rows), rms(residuals) / machine.floor.rms, strict=True))
+    ratio = dict(
+        zip((model.machine.links[j].name for j in model.machine.rows), rms(residuals) / machine.floor.rms, strict=True)
+    )
     return sorted(marked, key=lambda s: (-ratio[s.joint], -s.floors))
 
 

@@ -38,7 +38,9 @@ from cylforce.diagnosing.statistics import Blocks, Gram, Mask, in_blocks, polyno
 from cylforce.effects.fault import BEYOND
 from cylforce.signals.estimate import Array
 
-DECAY = 1.0 / (1.0 + np.arange(POLYNOMIALS)) ** 2  # variance of the discrepancy along each polynomial: a smooth function
+DECAY = (
+    1.0 / (1.0 + np.arange(POLYNOMIALS)) ** 2
+)  # variance of the discrepancy along each polynomial: a smooth function
 LEVELS = np.exp(np.arange(np.log(0.05), np.log(300.0), 0.15))  # grid of rho, in units of a joint's white noise
 SCALES = np.exp(np.arange(np.log(0.3), np.log(6.0), 0.03))  # grid of v, in the same units
 RHO, V = (each.ravel() for each in np.meshgrid(LEVELS, SCALES, indexing="ij"))  # all pairs (G,)
@@ -48,7 +50,9 @@ KEPT_STATES = 16  # marginals of a noise that are kept: each takes some megabyte
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 SINGLE = float(np.finfo(np.float32).eps)
 AXES, DRAWS_COUNT, FEWEST_DRAWS = 6, 1024, 8  # of the quadrature over uncertain magnitudes
-FREE_PRECISION = 0.25  # of a magnitude that the recording does not determine, in units of half the largest plausible one
+FREE_PRECISION = (
+    0.25  # of a magnitude that the recording does not determine, in units of half the largest plausible one
+)
 
 
 # Noise of the residual
@@ -131,7 +135,9 @@ def _log_density(discrepancy: Array, white: Array, usual: ResidualNoise, joint: 
     return np.asarray(np.logaddexp(core, _LOG_FLAT))
 
 
-def likeliest_noise(gram: Gram, white: Array, smooth: Array, usual: ResidualNoise | None) -> tuple[ResidualNoise, Array]:
+def likeliest_noise(
+    gram: Gram, white: Array, smooth: Array, usual: ResidualNoise | None
+) -> tuple[ResidualNoise, Array]:
     """Return level and scale (H, R) that make energies (H, R), (H, R, POLYNOMIALS) most probable, and their log (H,).
 
     usual: noise of a healthy machine, the prior; None: flat
@@ -228,8 +234,10 @@ class Form:
         wanted = np.array([sign * nearest]) if sign else sizes[:axes] * (nearest / max(magnitude, 1e-300))
         apart = wanted - sizes[:axes]
         log_range = float(np.log(np.log(BEYOND * self.high / self.low) * _sphere(axes)))
-        return -axes * float(np.log(nearest)) - log_range - 0.5 * float(
-            apart @ np.linalg.solve(covariance[:axes, :axes], apart)
+        return (
+            -axes * float(np.log(nearest))
+            - log_range
+            - 0.5 * float(apart @ np.linalg.solve(covariance[:axes, :axes], apart))
         )
 
     def _log_density(self, sizes: Array) -> Array:
@@ -301,7 +309,9 @@ class Nuisance:
             within = np.einsum("btri,btrj->brij", mine, mine, optimize=True)
             parts.append((across, within, each.smooth[..., list(own)], each.smooth[..., [*columns, -1]]))
         across, within, waves, smooth = (np.concatenate(part).astype(np.float64) for part in zip(*parts, strict=True))
-        return cls(across * typical[:, None] * scale, within * np.outer(typical, typical), waves * typical, smooth * scale)
+        return cls(
+            across * typical[:, None] * scale, within * np.outer(typical, typical), waves * typical, smooth * scale
+        )
 
     def sized(self, sizes: Array) -> "Nuisance":
         """Return the nuisance with another typical size, of these, in every block (B,); 0: it is absent there."""
@@ -421,7 +431,10 @@ class Payload(Nuisance):
         less, errors = np.zeros_like(loads), np.zeros_like(loads)
         less[1:] = loads[:-1] - loads[1:]
         errors[1:] = np.sqrt(np.einsum("sii->si", covariance[:-1] + covariance[1:]))
-        apart, one = log_evidence(score, precision), log_evidence(score[:-1] + score[1:], precision[:-1] + precision[1:] - unit)
+        apart, one = (
+            log_evidence(score, precision),
+            log_evidence(score[:-1] + score[1:], precision[:-1] + precision[1:] - unit),
+        )
         gain = np.append(-np.inf, apart[:-1] + apart[1:] - one)
         differs = self.carried_on & (gain > np.log((1.0 - INCIDENT) / INCIDENT))
         fell, same = differs & (less[:, 0] * PAYLOAD > CARRY_BACK), np.cumsum(~self.carried_on)
@@ -537,7 +550,9 @@ class _Cells:
                 now_inside = bool(inside[end] > outside[end])
         return found[::-1]
 
-    def scales(self, path: Sequence[Stretch], free: Array, busy: Array, precision: Mapping[bool, Array]) -> tuple[Array, Array]:
+    def scales(
+        self, path: Sequence[Stretch], free: Array, busy: Array, precision: Mapping[bool, Array]
+    ) -> tuple[Array, Array]:
         """Return the noise inside and outside of stretches (R,), as a path leaves it."""
         energy, rows, weight = np.zeros_like(free), np.zeros_like(free), free**-2.0
         outside = np.ones(len(self.rows), dtype=np.bool_)
@@ -840,7 +855,10 @@ class Likelihood:
             form = self.forms[p]
             m, axes = len(form.columns), form.components
             unit = self.unit[list(form.columns)]
-            sizes, errors = fitted.sizes[k : k + m] * unit, fitted.covariance[k : k + m, k : k + m] * np.outer(unit, unit)
+            sizes, errors = (
+                fitted.sizes[k : k + m] * unit,
+                fitted.covariance[k : k + m, k : k + m] * np.outer(unit, unit),
+            )
             log += form.log_prior(sizes, errors) + float(np.sum(np.log(unit[:axes]))) + self.support(p, sizes)
             log -= 0.5 * float(np.log(2.0 * np.pi)) * (m - axes)
             k += m

@@ -5,7 +5,7 @@ sheet are four ways to the same object. It holds parameters and columns with mea
 level of the model discrepancy, the run-to-run variation, and what the sensors of a healthy machine show."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 
@@ -35,7 +35,9 @@ from cylforce.diagnosing.regressors import (
     LOAD_CENTRE,
     LOAD_COLUMNS,
     Regressors,
+    ReturnLaw,
     Rows,
+    return_laws,
     typical_incidents,
 )
 from cylforce.diagnosing.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
@@ -227,7 +229,7 @@ class HealthyMachine:
     base_rate:     rms rate of the base [rad/s]
     references:    number of recordings
     loaded:        whether one of them has a known load
-    prior_share:   factor on the healthy spread of errors of sensors, geometry and masses that its recordings show
+    returns:       laws of the return pressures, by signal
     """
 
     regressors: Regressors
@@ -244,12 +246,7 @@ class HealthyMachine:
     base_rate: float
     references: int
     loaded: bool = False
-    prior_share: float = 1.0
-
-    @cached_property
-    def dry_friction(self) -> Array | None:
-        """Known dry friction (C,) [N] of the cylinders at rest, without the part that grows with the force."""
-        return None
+    returns: dict[int, ReturnLaw] = field(default_factory=dict)
 
 
 def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
@@ -266,7 +263,10 @@ def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
         if each.load_kg:
             centre[..., CENTRE * k : CENTRE * (k + 1)] = whole[..., size + 1 : size + 1 + CENTRE]
         columns.append(np.concatenate([whole[..., : layout.first], centre, whole[..., -1:]], axis=-1))
-    prior, mean = np.diag(np.concatenate([layout.unit[: layout.first], np.tile(LOAD_CENTRE, len(recordings))]) ** -2.0), 0.0
+    prior, mean = (
+        np.diag(np.concatenate([layout.unit[: layout.first], np.tile(LOAD_CENTRE, len(recordings))]) ** -2.0),
+        0.0,
+    )
     prior[:count, :count] = np.linalg.inv(model.prior.covariance)
     mean = np.zeros(len(prior))
     mean[:count] = model.prior.mean
@@ -388,6 +388,9 @@ def learnt(
         base_rate,
         len({each.name for each in recordings}),
         any(loads),
+        return_laws(
+            regressors.model.machine, list(zip(recordings, rows, strict=True)), regressors.model.filters.rate_hz
+        ),
     )
 
 
@@ -402,7 +405,9 @@ def _by_recording(layout: Layout, seen: Sequence[Seen], own: list[int]) -> list[
     return found
 
 
-def gram_with_loads(layout: Layout, seen: Seen, own: list[int], loaded: Sequence[str], mask: Mask | None = None) -> Gram:
+def gram_with_loads(
+    layout: Layout, seen: Seen, own: list[int], loaded: Sequence[str], mask: Mask | None = None
+) -> Gram:
     """Return the Gram of a recording with columns `own`, then where the load of each loaded recording hangs.
 
     loaded: names of the loaded recordings
@@ -514,7 +519,7 @@ def _learnt_machine(layout: Layout, grams: Sequence[Gram], rate_hz: float, share
             best = fit
     noise, mean, covariance, _, healthy = best
     forms = forms_of(layout)
-    variation = _stated_variation(layout, forms, mean[:size], rate_hz)
+    variation = _stated_variation(layout, forms, rate_hz)
     covariance = _unsure_signs(forms, layout.unit, mean[:size], covariance[:size, :size])
     found = Machine(mean[:size], covariance, variation, noise)
     if len(grams) >= FEWEST_REFERENCES:
@@ -581,8 +586,8 @@ def lasting(layout: Layout) -> list[Proposal]:
     return [p for p in layout.proposals if p.course is not TimeCourse.WINDOWS]
 
 
-def _stated_variation(layout: Layout, forms: Sequence[Form], mean: Array, rate_hz: float) -> Array:
-    """Return the run-to-run variation (K,) as physics says, and the error of a law times what the references show of it."""
+def _stated_variation(layout: Layout, forms: Sequence[Form], rate_hz: float) -> Array:
+    """Return the run-to-run variation (K,) as physics says."""
     found = np.zeros(layout.size)
     for form in forms:
         if not form.columns:
@@ -591,8 +596,7 @@ def _stated_variation(layout: Layout, forms: Sequence[Form], mean: Array, rate_h
         change = CREEP_CHANGE if form.name in CREEP else VARYING_CHANGE if form.name in VARYING else STATIC_CHANGE
         if form.name in START_TO_START:
             change = max(VARYING_CHANGE, PHASE / rate_hz / form.low)
-        least = change * form.low / layout.unit[own[0]]
-        found[own] = np.hypot(least, form.law_error * np.abs(mean[own]))
+        found[own] = np.maximum(found[own], change * form.low / layout.unit[own[0]])
     if layout.base_moves:  # another slope, another stiffness of the ground
         for p, columns in zip(layout.proposals, layout.places, strict=True):
             if isinstance(p.group[0], BaseMotion):
@@ -667,7 +671,7 @@ def identified(
     whole = np.diag(known)
     whole[:count, :count] = covariance / np.outer(layout.unit[:count], layout.unit[:count])
     noise = ResidualNoise(np.ones(joints), np.ones(joints), np.full(joints, UNSEEN_WIDTH))
-    variation = _stated_variation(layout, forms_of(layout), np.zeros(layout.size), regressors.model.filters.rate_hz)
+    variation = _stated_variation(layout, forms_of(layout), regressors.model.filters.rate_hz)
     machine = Machine(np.zeros(layout.size), whole, variation, noise)
     squares = np.tile(unexplained**2, (FOLDS, 1))
     return HealthyMachine(
@@ -714,7 +718,9 @@ def _without_blocks(rows: Rows, kept: Mask) -> Rows:
     return replace(rows, residual=np.where(on[:, None], rows.residual, np.nan))
 
 
-QUIET_SHARE = 0.25  # of the rows, with which the search begins: so much of its time a digging machine is empty (physics)
+QUIET_SHARE = (
+    0.25  # of the rows, with which the search begins: so much of its time a digging machine is empty (physics)
+)
 STARTS = 64  # single blocks from which the search begins
 TRIM_ROUNDS = 20
 
@@ -866,7 +872,9 @@ def regime(name: str, rows: Rows, recording: Recording, cylinder: int, joint: in
     return found[name]
 
 
-def regime_rms(model: Model, rows: Sequence[Rows], recordings: Sequence[Recording], residuals: Sequence[Array]) -> Array:
+def regime_rms(
+    model: Model, rows: Sequence[Rows], recordings: Sequence[Recording], residuals: Sequence[Array]
+) -> Array:
     """Return the rms (regimes, R) [N m] of residuals (T, R) by regime; NaN where a regime does not occur."""
     found = np.full((len(REGIMES), len(model.machine.rows)), np.nan)
     for k, name in enumerate(REGIMES):

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from cylforce.diagnosing.constants import BLOCK_ROWS, ROWS_HZ
 from cylforce.diagnosing.recordings import Recording
@@ -43,6 +44,7 @@ from cylforce.effects.imposed import (
     changed_laws,
     changed_load,
     contact_force,
+    distorted,
     excess_force,
     excess_torque,
     friction_level,
@@ -240,7 +242,9 @@ class Regressors:
     @property
     def channel_lag(self) -> float:
         """Latency of a motion behind its samples [s]."""
-        return self._low_pass.delay / self.model.filters.rate_hz + self.slow.channels.smooth.delay * self.slow.channels.dt
+        return (
+            self._low_pass.delay / self.model.filters.rate_hz + self.slow.channels.smooth.delay * self.slow.channels.dt
+        )
 
     @property
     def lag(self) -> float:
@@ -342,7 +346,8 @@ class Regressors:
         forces = [local * course[:, None, None] for course in within]
         torques = np.eye(len(machine.rows))[None, :, :, None] * within.T[:, None, None, :]
         return np.concatenate(
-            [base @ self.model.load, self._late_pressures(run), *forces, torques.reshape(*torques.shape[:2], -1)], axis=-1
+            [base @ self.model.load, self._late_pressures(run), *forces, torques.reshape(*torques.shape[:2], -1)],
+            axis=-1,
         )
 
     def _late_pressures(self, run: _Run) -> Array:
@@ -359,9 +364,7 @@ class Regressors:
         change = run.change.of_readings(shifted(LATE_STEP), shifted(-LATE_STEP))
         return np.asarray(change[..., None] / (2.0 * LATE_STEP))
 
-    def _columns(
-        self, p: Proposal, effect: Fault, run: _Run, base: Array, t: Array, forces: Iterator[Array]
-    ) -> Array:
+    def _columns(self, p: Proposal, effect: Fault, run: _Run, base: Array, t: Array, forces: Iterator[Array]) -> Array:
         """Return the columns (T', R, M) of one effect at its place."""
         if isinstance(effect, ForceLaw | JointLaw):
             return next(forces)[..., None]
@@ -426,7 +429,9 @@ class Regressors:
         if not effects:
             return rows
         other, corrected = self.corrected(recording, effects)
-        return _Simulated(other, effects, self.parameters + self.model.load @ load, load).rows(corrected.values, rows, recording)
+        return _Simulated(other, effects, self.parameters + self.model.load @ load, load).rows(
+            corrected.values, rows, recording
+        )
 
 
 @dataclass(frozen=True)
@@ -508,3 +513,158 @@ class _Simulated:
             halves = Regressor(model.machine, (base,)).products(moving, np.array(each.sizes))
             found += each.during(t)[:, None] * np.array(halves)
         return found[0], found[1]
+
+
+# Return pressures: the chamber that discharges oil
+
+
+STEADY_SPEED = 0.03  # m/s, above which a cylinder counts as moving
+EVEN_SHARE, EVEN_STEP = 0.15, 0.003  # of the speed, m/s: by how much it may change nearby
+NEARBY = 8  # rows, on either side
+FEW_ROWS, FEW_BLOCKS_OF_LAW = 6, 6  # of a block; of a law
+COMMON_ERROR = 0.2e5  # Pa: by which a return pressure differs from one recording to the next
+EXACT, SCATTERED = 0.3e5, 1.5e5  # Pa: scatter of a law at least; a pressure that scatters more follows none
+USUAL_SPEED, STEEP = 0.1, 20e5  # m/s, Pa: a usual speed, and what the loss at that may be
+FARTHEST = 5.0  # standard errors, beyond which a level says no more
+HUBER, WILD, LAW_ROUNDS = 1.5, 3.0, 15
+DISCHARGES = {Kind.HEAD_PRESSURE: -1.0, Kind.ROD_PRESSURE: 1.0}  # direction in which a chamber discharges oil
+
+
+@dataclass(frozen=True)
+class ReturnLaw:
+    """Pressure of a chamber that discharges oil while the pump drives its cylinder evenly: a + b |v| + c v^2.
+
+    It is what valve and return line make at that speed, whatever the load. A torque cannot separate the zero of the head
+    side from that of the rod side, nor both from friction that differs between the directions; this can.
+    values:     (3,) [Pa], speed in USUAL_SPEED
+    covariance: (3, 3)
+    scatter:    of blocks about the law [Pa]
+    """
+
+    values: Array
+    covariance: Array
+    scatter: float
+
+
+@dataclass(frozen=True)
+class ReturnLevel:
+    """Return pressure of one sensor in a recording under diagnosis.
+
+    blocks: (recording number, rows (n,)) of every block with an even, driven motion
+    excess: (B,) pressure above the law [Pa]
+    error:  standard error of their mean [Pa]
+    """
+
+    blocks: tuple[tuple[int, NDArray[np.intp]], ...]
+    excess: Array
+    error: float
+
+
+def _discharging(
+    machine: Machine, sensor: int, recording: Recording, rows: Rows, rate_hz: float
+) -> list[tuple[NDArray[np.intp], float, float]]:
+    """Return (rows, speed [m/s], pressure [Pa]) of every block in which a chamber discharges oil evenly."""
+    signal = machine.signals[sensor]
+    v, force = rows.speed[:, signal.index], rows.force[:, signal.index]
+    even = np.zeros(len(v), dtype=np.bool_)
+    if len(v) > 2 * NEARBY:
+        here = v[NEARBY : len(v) - NEARBY]
+        changes = [
+            np.abs(v[NEARBY + d : len(v) - NEARBY + d] - here) for d in (-NEARBY, -NEARBY // 2, NEARBY // 2, NEARBY)
+        ]
+        even[NEARBY : len(v) - NEARBY] = np.max(changes, axis=0) < EVEN_SHARE * np.abs(here) + EVEN_STEP
+    chosen = np.flatnonzero((DISCHARGES[signal.kind] * v > STEADY_SPEED) & (force * v > 0.0) & even)
+    pressure = np.interp(rows.t[chosen], recording.times(rate_hz), recording.values[:, sensor])
+    found = []
+    for block in np.unique(chosen // BLOCK_ROWS):
+        own = chosen // BLOCK_ROWS == block
+        if np.sum(own) >= FEW_ROWS:
+            found.append((chosen[own], float(np.median(v[chosen[own]])), float(np.median(pressure[own]))))
+    return found
+
+
+def _speed_columns(speeds: Sequence[float]) -> Array:
+    speed = np.array(speeds) / USUAL_SPEED
+    return np.stack([np.ones_like(speed), np.abs(speed), speed**2], axis=-1)
+
+
+def return_laws(machine: Machine, seen: Sequence[tuple[Recording, Rows]], rate_hz: float) -> dict[int, ReturnLaw]:
+    """Return the laws of recordings of a healthy machine, by the number of the pressure's signal."""
+    found = {}
+    for sensor, signal in enumerate(machine.signals):
+        if signal.kind not in DISCHARGES:
+            continue
+        blocks = [b for recording, rows in seen for b in _discharging(machine, sensor, recording, rows, rate_hz)]
+        if len(blocks) >= FEW_BLOCKS_OF_LAW:
+            law = _fitted_law(_speed_columns([b[1] for b in blocks]), np.array([b[2] for b in blocks]))
+            if law.scatter <= SCATTERED:
+                found[sensor] = law
+    return found
+
+
+def _fitted_law(columns: Array, pressures: Array) -> ReturnLaw:
+    """Fit a law robustly (Huber's weights); the faster the oil, the more pressure it takes."""
+    free = max(len(pressures) - 3, 1)
+    root, values, scatter = np.ones(len(pressures)), np.zeros(3), EXACT
+    away = pressures
+    for _ in range(LAW_ROUNDS):
+        bounds = (np.array([-np.inf, 0.0, 0.0]), np.inf)
+        values = np.asarray(lsq_linear(columns * root[:, None], pressures * root, bounds=bounds).x)
+        away = np.abs(pressures - columns @ values)
+        scatter = max(1.48 * float(np.median(away)) * float(np.sqrt(len(pressures) / free)), EXACT)
+        root = np.minimum(1.0, np.sqrt(HUBER * scatter / np.maximum(away, 1e-9)))
+    weight = root**2
+    energy = float(np.sum(weight * np.minimum(away, WILD * scatter) ** 2))
+    scatter = max(float(np.sqrt(energy / max(float(np.sum(weight)) - 3, 1.0))), scatter)
+    known = (columns * weight[:, None]).T @ columns + np.diag([0.0, 1.0, 1.0]) * (scatter / STEEP) ** 2
+    return ReturnLaw(values, np.asarray(np.linalg.inv(known) * scatter**2), scatter)
+
+
+def return_levels(
+    machine: Machine, laws: dict[int, ReturnLaw], seen: Sequence[tuple[Recording, Rows]], rate_hz: float
+) -> dict[int, ReturnLevel]:
+    """Return by how much the return pressures of recordings exceed the healthy machine's laws, by signal."""
+    found = {}
+    for sensor, law in laws.items():
+        blocks = [
+            (n, *b)
+            for n, (recording, rows) in enumerate(seen)
+            for b in _discharging(machine, sensor, recording, rows, rate_hz)
+        ]
+        if len(blocks) < FEW_BLOCKS_OF_LAW // 2:
+            continue
+        columns = _speed_columns([b[2] for b in blocks])
+        excess = np.array([b[3] for b in blocks]) - columns @ law.values
+        middle, most, mean = float(np.median(excess)), HUBER * law.scatter, np.mean(columns, axis=0)
+        variance = COMMON_ERROR**2 + law.scatter**2 / len(blocks) + float(mean @ law.covariance @ mean)
+        clipped = np.clip(excess, middle - most, middle + most)
+        found[sensor] = ReturnLevel(tuple((b[0], b[1]) for b in blocks), clipped, float(np.sqrt(variance)))
+    return found
+
+
+def return_evidence(
+    machine: Machine,
+    level: ReturnLevel,
+    p: Proposal,
+    size: float,
+    seen: Sequence[tuple[Recording, Rows]],
+    rate_hz: float,
+) -> float:
+    """Return the evidence [nats] of return pressures for an error of a pressure sensor of that size, against none."""
+    added = []
+    for number, rows in level.blocks:
+        recording, own = seen[number]
+        t = recording.times(rate_hz)
+        without = distorted(machine, [Imposed(p.group, p.at, p.where, (-size,))], recording.values, t)
+        change = recording.values[:, p.where] - without[:, p.where]
+        added.append(float(np.median(np.interp(own.t[rows], t, change))))
+    wanted = np.array(added)
+    usual = float(np.sqrt(np.mean(wanted**2)))
+    if usual <= 0.0:
+        return 0.0
+    shown = float(wanted @ level.excess) / float(wanted @ wanted) * usual
+
+    def loss(x: float) -> float:
+        return min(0.5 * x * x, 0.5 * FARTHEST**2)
+
+    return loss(shown / level.error) - loss((shown - usual) / level.error)

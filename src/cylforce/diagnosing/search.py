@@ -49,9 +49,9 @@ from cylforce.diagnosing.model import (
     forms_of,
     lasting,
 )
-from cylforce.diagnosing.regressors import LOAD_CENTRE, Regressors
+from cylforce.diagnosing.regressors import LOAD_CENTRE, ReturnLevel, return_evidence, return_levels
 from cylforce.diagnosing.statistics import Blocks, Gram, Mask, SharedNoise, rms
-from cylforce.effects.fault import BEYOND, INCIDENTAL, TimeCourse
+from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse
 from cylforce.effects.imposed import Imposed
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Proposal
@@ -105,7 +105,8 @@ class Question:
     laid:    rows of each recording that count, in whole blocks; None: all rows of all
     noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings took away
     applied: what the recordings are corrected for, by form
-    support: evidence [nats] for a form of given sizes from elsewhere
+    jumps:   evidence [nats] of the number of jumps of a reading, by its signal
+    free:    whether the model's parameters are free, as those of somebody else's machine
     """
 
     machine: HealthyMachine
@@ -114,7 +115,7 @@ class Question:
     laid: tuple[Array | None, ...] | None = None
     noise: Array | None = None
     applied: Mapping[int, Array] = field(default_factory=dict)
-    support: Callable[[int, Array], float] | None = None
+    jumps: Mapping[int, float] = field(default_factory=dict)
     free: bool = False
 
     @cached_property
@@ -210,7 +211,9 @@ class Question:
             mask = None if kept is None else kept[first : first + len(blocks.rows)]
             first += len(blocks.rows)
             own = blocks if mask is None else blocks.masked(mask)
-            parts.append(Gram.of(own, range(self.size), self.unit, self._padded(seen.shared(range(self.machine.layout.size)))))
+            parts.append(
+                Gram.of(own, range(self.size), self.unit, self._padded(seen.shared(range(self.machine.layout.size))))
+            )
         found = Gram.total(parts)
         return found if self.noise is None else found.with_noise(self.noise)
 
@@ -238,8 +241,34 @@ class Question:
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
         """Return the likelihood of the recordings, or of some of their blocks (B,)."""
-        more = {} if self.support is None else {"support": self.support}
-        return Likelihood(self.gram(kept), self.unit, self.forms, self.knowledge, corrected=self.applied, **more)
+        gram = self.gram(kept)
+        return Likelihood(
+            gram, self.unit, self.forms, self.knowledge, corrected=self.applied, support=self.evidence_for
+        )
+
+    def evidence_for(self, form: int, sizes: Array) -> float:
+        """Return the evidence [nats] for a form of sizes (M,) [SI] from return pressures and from counts of jumps."""
+        p = self.proposals[form]
+        if p.name == GLITCH:
+            return self.jumps.get(p.where, 0.0)
+        level = self._return_levels.get(p.where) if p.about.place is Place.PRESSURE else None
+        if level is None:
+            return 0.0
+        size = float(f"{float(sizes[0]):.2g}")  # the evidence is smooth: so it is computed once for near sizes
+        if (form, size) not in self._supports:
+            machine, rate = self.machine.regressors.model.machine, self.machine.regressors.model.filters.rate_hz
+            pairs = [(s.recording, s.rows) for s in self.seen]
+            self._supports[form, size] = return_evidence(machine, level, p, size, pairs, rate)
+        return self._supports[form, size]
+
+    @cached_property
+    def _supports(self) -> dict[tuple[int, float], float]:
+        return {}
+
+    @cached_property
+    def _return_levels(self) -> dict[int, ReturnLevel]:
+        own, pairs = self.machine.regressors.model, [(s.recording, s.rows) for s in self.seen]
+        return return_levels(own.machine, self.machine.returns, pairs, own.filters.rate_hz)
 
     def nuisance(self, columns: Sequence[int]) -> Nuisance:
         """Return the nuisance of incidental columns (numbers from the layout's K on) of all blocks."""
@@ -272,7 +301,9 @@ class Question:
             start = found - np.append(more, 0.0)
             start[centres] = 0.0
             whole = np.sum(self.gram().whole, axis=0)
-            found[centres] = -np.linalg.solve(whole[np.ix_(centres, centres)] + np.eye(len(centres)), whole[centres] @ start)
+            found[centres] = -np.linalg.solve(
+                whole[np.ix_(centres, centres)] + np.eye(len(centres)), whole[centres] @ start
+            )
         return found
 
     def residuals(self, values: Array | None = None) -> list[Array]:
@@ -320,17 +351,23 @@ class Question:
             noise = Blocks.whitened((twins[1] - twins[0])[..., None], machine.floor)
             both = each.added.usable & noise.usable[: len(each.added.usable)]
             added = np.concatenate([each.added.rows[..., :-1], noise.rows[: len(both)]], axis=-1) * both[..., None]
-            found = replace(each, recording=recording, rows=rows, added=Blocks(np.asarray(added, dtype=np.float32), both))
+            found = replace(
+                each, recording=recording, rows=rows, added=Blocks(np.asarray(added, dtype=np.float32), both)
+            )
             seen.append(replace(found, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
             before.append(each.shared(()))
             after.append(found.shared(()))
         unit = {p: self.unit[list(self.forms[p].columns)] for p, _ in applied}
-        return replace(
+        found = replace(
             self,
             seen=tuple(seen),
             applied={p: a.sizes / unit[p] for p, a in applied},
             noise=_energy_of(before) - _energy_of(after),
         )
+        found.__dict__.update(
+            {name: getattr(self, name) for name in ("_return_levels", "_supports")}
+        )  # of the readings
+        return found
 
 
 def _energy_of(parts: Sequence[SharedNoise]) -> Array:
@@ -444,7 +481,11 @@ class Incident:
 
 
 def incidents(
-    question: Question, case: Likelihood, residual: Array, wanted: Callable[[Proposal], bool], beside: Hypothesis | None = None
+    question: Question,
+    case: Likelihood,
+    residual: Array,
+    wanted: Callable[[Proposal], bool],
+    beside: Hypothesis | None = None,
 ) -> list[Incident]:
     """Return every incident with the blocks in which it most probably happens, alone or beside a hypothesis.
 
@@ -565,7 +606,14 @@ def at_work(question: Question, names: frozenset[str]) -> Work | None:
     """Return recordings with the stretches of those that may work; None where none is free of contact."""
     machine, unit, size = question.machine, np.append(question.unit, 1.0), question.size
     settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
-    laid, numbers, sizes, carried, parts, apart = list[Array | None](), list[int](), list[float](), list[bool](), list[tuple[int, int]](), 0.0
+    laid, numbers, sizes, carried, parts, apart = (
+        list[Array | None](),
+        list[int](),
+        list[float](),
+        list[bool](),
+        list[tuple[int, int]](),
+        0.0,
+    )
     busy, total, lifts = 0, 0, 0
     for seen, blocks, (first_block, _) in zip(question.seen, question.blocks, question.spans, strict=True):
         rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
@@ -589,7 +637,9 @@ def at_work(question: Question, names: frozenset[str]) -> Work | None:
                 numbers.append(len(carried))
                 sizes.append(PAYLOAD if stretch.loaded else CARRY_BACK)
             carried.append(stretch.carried_on and not seen.recording.load_kg)
-            parts.append((first_block + stretch.first // BLOCK_ROWS, first_block + (stretch.last - 1) // BLOCK_ROWS + 1))
+            parts.append(
+                (first_block + stretch.first // BLOCK_ROWS, first_block + (stretch.last - 1) // BLOCK_ROWS + 1)
+            )
             length = stretch.last - stretch.first + 2 * settle
             busy += 0 if not stretch.loaded or seen.recording.load_kg else length
             total -= 0 if stretch.loaded and not seen.recording.load_kg else length
@@ -604,7 +654,12 @@ def at_work(question: Question, names: frozenset[str]) -> Work | None:
     case = other.likelihood()
     plain = Nuisance.of(other.blocks, range(size), question.unit, range(size, size + 4), typical)
     scaled = plain.sized(np.array(sizes))
-    shared = np.concatenate([_shared_by_block(s.shared(range(machine.layout.size, machine.layout.size + 4)), b, typical) for s, b in zip(question.seen, other.blocks, strict=True)])
+    shared = np.concatenate(
+        [
+            _shared_by_block(s.shared(range(machine.layout.size, machine.layout.size + 4)), b, typical)
+            for s, b in zip(question.seen, other.blocks, strict=True)
+        ]
+    )
     payload = Payload(
         scaled.across,
         scaled.within,
@@ -751,7 +806,9 @@ def examined(
     hypotheses += [case.likeliest((p,), case.machine.noise) for p in jumps if (p,) not in known]
     best = max(hypotheses, key=lambda h: h.log)
     alone = incidents(question, case, question.plain, wanted)
-    beside = incidents(question, case, case.under(best.forms, case.state(best.noise))[2], wanted, best) if best.forms else []
+    beside = (
+        incidents(question, case, case.under(best.forms, case.state(best.noise))[2], wanted, best) if best.forms else []
+    )
     candidates = [Candidate(h, question) for h in hypotheses]
     first = max([*alone, *beside], key=lambda i: i.log, default=None)
     if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
@@ -851,7 +908,10 @@ def corrected(question: Question, candidate: Candidate) -> Candidate:
     for _ in range(CORRECTIONS):
         now = found.hypothesis
         applied = _applied(question, now)
-        if any(float(np.linalg.norm(a.sizes[: question.forms[p].components])) > BEYOND * question.forms[p].high for p, a in applied):
+        if any(
+            float(np.linalg.norm(a.sizes[: question.forms[p].components])) > BEYOND * question.forms[p].high
+            for p, a in applied
+        ):
             break
         other = question.corrected(applied)
         case = other.likelihood()

@@ -64,7 +64,9 @@ def _autoregression(residuals: Sequence[Array]) -> Array:
 
     The poles are moved inwards until STATIONARY of a constant passes.
     """
-    lags = [np.stack([np.roll(e, k) for k in range(MEMORY + 1)], axis=-1)[MEMORY:] for e in residuals if len(e) > MEMORY]
+    lags = [
+        np.stack([np.roll(e, k) for k in range(MEMORY + 1)], axis=-1)[MEMORY:] for e in residuals if len(e) > MEMORY
+    ]
     rows = np.concatenate(lags)
     rows = rows[np.all(np.isfinite(rows), axis=1)]
     if len(rows) < 10 * MEMORY:
