@@ -16,7 +16,7 @@ from cylforce.effects.library import LIBRARY, Proposal, proposals
 from cylforce.effects.unknown import UNKNOWN_TORQUES
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.settings.machine_file import load
-from cylforce.simulation.scenario import moves
+from cylforce.simulation.scenario import cycles, moves
 from cylforce.simulation.sensing import perfect, run, sensors
 from cylforce.simulation.simulator import draw_truth
 from scenarios import CONFIG
@@ -55,6 +55,16 @@ def recorded(
     made, rng = sensors(MACHINE, SERVICE.nodes) if noise else perfect(MACHINE), np.random.default_rng((seed, 9))
     (record,) = run(MACHINE, truth, made, [scene], dt=1.0 / RATE_HZ, rng=rng)
     return Recording(name or f"run {seed}", record.values, load_kg, 0.0)
+
+
+@cache
+def dug(seed: int, *effects: Imposed, count: int = 4) -> Recording:
+    """Return digging cycles of the machine with effects; every bucket is another load, unknown to the diagnosis."""
+    truth = draw_truth(MACHINE, np.random.default_rng(0), MASS_ERROR)._replace(effects=effects)
+    scenes = list(cycles(MACHINE, np.random.default_rng((seed, 2)), count, swing=False))
+    made, rng = sensors(MACHINE, SERVICE.nodes), np.random.default_rng((seed, 8))
+    records = run(MACHINE, truth, made, scenes, dt=1.0 / RATE_HZ, rng=rng)
+    return Recording(f"dug {seed}", np.concatenate([record.values for record in records]))
 
 
 def learnt_from(*recordings: Recording, wanted: tuple[Proposal, ...] = PROPOSALS, source=Source.REFERENCES) -> HealthyMachine:
