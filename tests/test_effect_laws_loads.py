@@ -205,7 +205,7 @@ def test_mud_is_a_mass_that_grows():
     np.testing.assert_allclose(change, expected, atol=1e-9)
     t = np.array([0.0, 300.0, 600.0])
     np.testing.assert_allclose(Mud().grown(t), [0.0, 0.5, 1.0])
-    np.testing.assert_allclose(Mud(200.0).grown(t), [0.0, 0.8175745, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(Mud(1.0 / 200.0).grown(t), [0.0, 0.8175745, 1.0], rtol=1e-6)
 
 
 def test_hoses_pull_the_joint_back_to_where_they_are_at_rest():

@@ -1,9 +1,8 @@
 """Effects of the library switched on in the simulated machine: at a place, with sizes, for a time."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
 from math import hypot, inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from cylforce.effects.fault import (
     TimeCourse,
     places,
     rubbing,
+    shaped,
 )
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.effects.loads.carried import RAMP, CarriedLoad, smooth
@@ -78,7 +78,7 @@ def imposed(
     (SI), or a list where it has several; `shape`: values of the effect's own fields, such as a width, by name.
 
     Raises ValueError, in one sentence, for an unknown name, place or field and for an implausible size."""
-    group = _shaped(_named(machine, name, at, library), shape or {})
+    group = shaped(_named(machine, name, at, library), shape or {})
     about = group[0].about
     where = dict(places(machine, about.place))
     if at not in where:
@@ -109,22 +109,6 @@ def _named(machine: Machine, name: str, at: str, library: tuple[Group, ...]) -> 
         known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
         raise ValueError(f"effect {name!r} is not known: choose one of {known}")
     return next((group for group in found if at in dict(places(machine, group[0].about.place))), found[0])
-
-
-def _shaped(group: Group, shape: Mapping[str, float]) -> Group:
-    """The group with the fields of `shape` set: all of them in the first effect, in the others those that all effects
-    of the group have in common."""
-    if not shape:
-        return group
-    first: Any = group[0]
-    wrong = [key for key in shape if key not in {f.name for f in fields(first)}]
-    if wrong:
-        known = ", ".join(f.name for f in fields(first)) or "it has none"
-        raise ValueError(f"effect {first.about.name!r} has no parameter {wrong[0]!r} of its shape: {known}")
-    typed = {key: type(getattr(first, key))(value) for key, value in shape.items()}
-    shared = {key: value for key, value in typed.items() if all(getattr(e, key) == getattr(first, key) for e in group)}
-    rest: tuple[Any, ...] = group[1:]
-    return (replace(first, **typed), *(replace(effect, **shared) for effect in rest))
 
 
 def _check(found: Imposed) -> None:
