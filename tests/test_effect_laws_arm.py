@@ -82,8 +82,8 @@ def test_a_springy_link_rings_only_after_its_cause_and_needs_no_more_than_one_sa
 def test_a_spring_answers_a_slow_course_by_following_it():
     t = np.arange(0.0, 20.0, 0.05)
     bent, quickened = resonance(np.sin(0.2 * t), t, 3.0, 0.3)
-    np.testing.assert_allclose(bent[60:], np.sin(0.2 * t)[60:], atol=0.01)
-    np.testing.assert_allclose(quickened[60:], -0.04 * np.sin(0.2 * t)[60:], atol=0.002)
+    np.testing.assert_allclose(bent[60:-1], np.sin(0.2 * t)[60:-1], atol=0.01)
+    np.testing.assert_allclose(quickened[60:-1], -0.04 * np.sin(0.2 * t)[60:-1], atol=0.002)
 
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
