@@ -214,14 +214,41 @@ def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> A
 
 def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> CarriedLoad:
     """The load `carried`, changed by incidents (spilled, shifted) at times t (T,) [s]; its inertia is scaled with its
-    mass. Raises ValueError when more is spilled than there is."""
-    mass, x, z = (carried.mass + _incidents(effects, t, ("load.mass",))[:, 0], *carried.centre.T)
+    mass. What changes is the load that is in the bucket when an incident begins, until the bucket is emptied; the next
+    load is not changed. Raises ValueError when more is spilled than there is."""
+    changes = np.zeros((len(t), 3))
+    for each in effects:
+        wanted = np.array([_size(each, what) for what in ("load.mass", "load.X", "load.Z")])
+        if np.any(wanted):
+            changes += (each.during(t) * _still_carried(carried.mass, t, each.begin))[:, None] * wanted
+    mass, x, z = (carried.mass + changes[:, 0], *carried.centre.T)
     if np.any(mass < 0.0):
         raise ValueError("more falls out of the bucket than there is in it")
     some = np.maximum(mass, 1e-9)
-    moments = carried.mass[:, None] * np.stack([x, z], axis=-1) + _incidents(effects, t, ("load.X", "load.Z"))
+    moments = carried.mass[:, None] * np.stack([x, z], axis=-1) + changes[:, 1:]
     inertia = carried.inertia * mass / np.maximum(carried.mass, 1e-9)
     return CarriedLoad(mass, np.where(mass[:, None] > 0.0, moments / some[:, None], 0.0), inertia)
+
+
+def _still_carried(mass: Array, t: Array, begin: float) -> Array:
+    """Share (T,) of the load that was in the bucket at `begin` [s] that is still there at times t (T,) [s], from the
+    `mass` (T,) [kg] carried without incidents: 0 before, 0 from when the bucket is empty on. 1 where none is carried at
+    all: an unknown load."""
+    after = t >= begin
+    if not np.any(mass > 0.0) or not np.any(after):
+        return np.where(after, 1.0, 0.0)
+    first = int(np.argmax(after))
+    if mass[first] <= 0.0:  # emptied since then, or, within these times, empty when it begins
+        return np.where(after, 0.0 if begin < t[0] else 1.0, 0.0)
+    same_load = np.logical_and.accumulate((mass > 0.0) | ~after)
+    return np.asarray(np.where(after & same_load, np.minimum(mass / mass[first], 1.0), 0.0))
+
+
+def _size(each: Imposed, what: str) -> float:
+    """Size with which an incident changes the quantity `what`, a key of `CHANGED`."""
+    effect = each.group[0]
+    changed = _changed(effect) if isinstance(effect, Incident) else []
+    return each.sizes[changed.index(what)] if what in changed else 0.0
 
 
 def unseen_slew(effects: Sequence[Imposed], t: Array) -> Array:

@@ -31,7 +31,6 @@ from cylforce.effects.fault import (
     shaped,
     shapes,
 )
-from cylforce.effects.library import Group
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion, motion
 from cylforce.mechanics.workspace import working_range
@@ -67,7 +66,7 @@ class Trial(NamedTuple):
     t: Array
 
 
-def check_groups(groups: Sequence[Group], taken: Collection[str], machine: Machine | None = None) -> None:
+def check_groups(groups: Sequence[Any], taken: Collection[str], machine: Machine | None = None) -> None:
     """Check effects that act together, group by group; on a test motion of the `machine` where it is known.
 
     Raises ValueError that begins with the name of the class, for the first fault."""
@@ -98,12 +97,13 @@ def _of_class(effect: object) -> Iterator[None]:
 
 def check_effect(effect: object, taken: Collection[str]) -> None:
     """Check description and methods of one effect. Raises ValueError."""
-    if not is_dataclass(effect) or not type(effect).__dataclass_params__.frozen:  # type: ignore[attr-defined]
+    given: Any = effect
+    if not is_dataclass(effect) or not given.__dataclass_params__.frozen:
         raise ValueError("is no frozen dataclass: write @dataclass(frozen=True) above the class")
     if not hasattr(type(effect), "about"):
         raise ValueError("has no `about`: add a property `about` that returns About(name, unit, ...)")
     try:
-        about = effect.about  # type: ignore[attr-defined]
+        about = given.about
     except Exception as error:
         raise ValueError(f"its `about` fails ({type(error).__name__}: {error}): correct it") from error
     if not isinstance(about, About):
@@ -114,23 +114,23 @@ def check_effect(effect: object, taken: Collection[str]) -> None:
 
 def _check_about(about: About, taken: Collection[str]) -> None:
     """Raises ValueError unless the description is complete."""
+    given: dict[str, Any] = about._asdict()
     for field in ("name", "unit", "shows", "confirm"):
-        text = getattr(about, field)
-        if not isinstance(text, str) or not text.strip():
-            raise ValueError(f"`{field}` of its About is {text!r}: write it as text")
+        if not isinstance(given[field], str) or not given[field].strip():
+            raise ValueError(f"`{field}` of its About is {given[field]!r}: write it as text")
     if not about.name.isidentifier():
         raise ValueError(f"is called {about.name!r}: use letters, digits and underscores, such as cross_talk")
     if about.name in taken:
         raise ValueError(f"is called {about.name!r}, which another effect is: choose another name")
-    numbers = (about.low, about.high, about.form)
-    if not all(isinstance(x, int | float) and isfinite(x) for x in numbers) or not 0.0 < about.low < about.high:
+    numbers = [isinstance(given[field], int | float) and isfinite(given[field]) for field in ("low", "high", "form")]
+    if not all(numbers) or not 0.0 < about.low < about.high:
         raise ValueError(f"its plausible range is {about.low!r} to {about.high!r}: give numbers with 0 < low < high")
-    if not isinstance(about.place, Place):
+    if not isinstance(given["place"], Place):
         listed = ", ".join(f"Place.{place.name}" for place in Place)
         raise ValueError(f"its place is {about.place!r}: choose one of {listed}")
     if about.sign not in (-1, 0, 1):
         raise ValueError(f"its sign is {about.sign!r}: give 1 or -1 where only that can be, else 0")
-    if not isinstance(about.axes, int) or about.axes < 1:
+    if not isinstance(given["axes"], int) or about.axes < 1:
         raise ValueError(f"its axes are {about.axes!r}: give the number of sizes that make its magnitude, 1 or more")
 
 
@@ -195,7 +195,7 @@ def _check_shapes(group: tuple[Fault, ...]) -> None:
 
 def trial_motion(machine: Machine) -> Trial:
     """A motion of all joints of a machine, with pressures and readings that go with it."""
-    t = STEP_S * np.arange(STEPS)
+    t = STEP_S * np.arange(STEPS, dtype=np.float64)
     low, high = working_range(machine).T
     waves = 0.5 + 0.25 * np.sin(np.outer(t, 1.5 + 0.5 * np.arange(machine.size)))
     theta = low + waves * (high - low)
@@ -232,7 +232,8 @@ def _check_motion(effect: Fault, machine: Machine, trial: Trial) -> None:
 def _tried(effect: object, machine: Machine, trial: Trial, where: int) -> tuple[Array, tuple[int, ...]]:
     """What an effect makes of the test motion, and the shape that it must have."""
     count, t = len(trial.t), trial.t
-    found, wanted = np.zeros(count), (count,)
+    found: Array = np.zeros(count)
+    wanted: tuple[int, ...] = (count,)
     if isinstance(effect, ForceLaw):
         found = np.asarray(effect.force(trial.moving.speed[:, where], trial.moving.force[:, where], t))
     elif isinstance(effect, JointLaw):

@@ -1,7 +1,7 @@
 """The links as rigid bodies with their data sheets' masses along a motion: their weight and inertia, and what a small
 additional rotation of some of them adds to the joint torques."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
+
+Course = TypeVar("Course", Array, Complex)
 
 
 class Bodies(NamedTuple):
@@ -82,9 +84,12 @@ def bodies(machine: Machine, moving: Motion) -> Bodies:
     return Bodies(machine, pins, pins + own, velocity, moving.qd, 1j * np.conj(moving.g))
 
 
-def rate(course: Array, t: Array) -> Array:
+def rate(course: Course, t: Array) -> Course:
     """Time derivative of `course` (T, ...) at times t (T,) [s], by central differences; zero of a single sample."""
-    return np.asarray(np.gradient(course, t, axis=0)) if len(t) > 1 else np.zeros_like(course)
+    if len(t) < 2:
+        return np.zeros_like(course)
+    slope: Course = np.gradient(course, t, axis=0)
+    return slope
 
 
 def resonance(course: Array, t: Array, frequency: float, damping: float) -> tuple[Array, Array]:
@@ -96,10 +101,10 @@ def resonance(course: Array, t: Array, frequency: float, damping: float) -> tupl
     if len(t) < 2:
         return course.copy(), np.zeros_like(course)
     w, step = 2.0 * np.pi * frequency, float(np.mean(np.diff(t)))
-    poles = (1.0, 2.0 * damping * w, w * w)
+    poles = np.array([1.0, 2.0 * damping * w, w * w])
 
     def run(zeros: tuple[float, ...]) -> Array:
-        numerator, denominator, _ = cont2discrete((zeros, poles), step, method="foh")
+        numerator, denominator, _ = cont2discrete((np.array(zeros), poles), step, method="foh")
         b = numerator.ravel()
         return np.asarray(lfilter(b, denominator, course, zi=lfilter_zi(b, denominator) * course[0])[0])
 

@@ -6,6 +6,7 @@ from hashlib import sha256
 from pathlib import Path
 from traceback import extract_tb
 from types import ModuleType
+from typing import Any
 
 from cylforce.effects.fault import Fault
 from cylforce.effects.library import LIBRARY, UNKNOWN, Group
@@ -83,8 +84,8 @@ def _groups(path: Path, module: ModuleType) -> tuple[Group, ...]:
 
 def _made(path: Path, effect: type[Fault]) -> Fault:
     """The effect with the defaults of its fields. Raises SettingsError."""
-    known = fields(effect) if is_dataclass(effect) else ()
-    for field in known:
+    given: Any = effect
+    for field in fields(given) if is_dataclass(given) else ():
         if field.init and field.default is MISSING and field.default_factory is MISSING:
             raise SettingsError(
                 f"{path}: {effect.__name__}: its field {field.name} has no default: give it one, "
