@@ -95,6 +95,7 @@ TOLD: dict[str, tuple[str, float]] = {
     "N m/rad": ("N m a degree", float(np.radians(1.0))),
     "rad/(N m)": (f"degrees at {WORKING_TORQUE / 1e3:.0f} kN m", WORKING_TORQUE * float(np.degrees(1.0))),
 }
+STATED_AT = {"return_line_loss": "at 0.3 m/s", "end_cushion": "at 0.1 m/s", "mud": "after ten minutes"}  # their sizes
 SILENT = ("soil_contact", "slew_centrifugal", "boom_motion")  # their size is that of many moments, or of a lever
 
 
@@ -158,8 +159,9 @@ def _told(machine: Machine, effect: dict[str, Any], unit: str) -> tuple[str, flo
     if unit == "rad (m)":
         signal = _signal(machine, effect["at"])
         unit = "m" if signal is not None and signal.kind is Kind.CYLINDER_LENGTH else "rad"
-    if unit == "N (s/m)^power":
-        return f"N at {WORKING_SPEED:g} m/s", WORKING_SPEED ** float(effect["shape"]["power"])
+    if effect["name"] in STATED_AT:
+        unit, factor = TOLD[unit]
+        return f"{unit} {STATED_AT[effect['name']]}", factor
     return TOLD.get(unit, (unit, 1.0))
 
 
