@@ -86,6 +86,14 @@ def test_a_spring_answers_a_slow_course_by_following_it():
     np.testing.assert_allclose(quickened[60:-1], -0.04 * np.sin(0.2 * t)[60:-1], atol=0.002)
 
 
+def test_a_gap_in_the_readings_does_not_make_a_spring_ring():
+    t = np.arange(0.0, 4.0, 0.05)
+    gap = np.where((t > 1.0) & (t < 1.5), np.nan, 5.0)
+    bent, quickened = resonance(gap, t, 2.0, 0.05)
+    np.testing.assert_allclose(bent, 5.0)
+    np.testing.assert_allclose(quickened, 0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("joint", [0, 1, 2])
 def test_bodies_have_the_torques_of_the_model(joint):
     """Weight, inertia and centrifugal torques of an excavator in motion on a slope, as by its base parameters; what a

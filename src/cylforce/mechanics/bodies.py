@@ -95,11 +95,14 @@ def rate(course: Course, t: Array) -> Course:
 def resonance(course: Array, t: Array, frequency: float, damping: float) -> tuple[Array, Array]:
     """Response of a spring with natural frequency w = 2 pi `frequency` [Hz] and `damping` ratio D to `course` (T,) at
     evenly spaced times t (T,) [s]: w^2 / (s^2 + 2 D w s + w^2), and its second derivative [1/s^2]. Settled at the first
-    sample. Exact for an input that is linear between samples, corrected for the curvature of a smooth one."""
+    sample. Exact for an input that is linear between samples, corrected for the curvature of a smooth one. Gaps (NaN)
+    are bridged by straight lines, so that they do not make it ring."""
     from scipy.signal import cont2discrete, lfilter, lfilter_zi  # not needed by the service, which measures without it
 
     if len(t) < 2:
         return course.copy(), np.zeros_like(course)
+    known = np.isfinite(course)
+    course = np.interp(t, t[known], course[known]) if np.any(known) else np.zeros_like(course)
     w, step = 2.0 * np.pi * frequency, float(np.mean(np.diff(t)))
     poles = np.array([1.0, 2.0 * damping * w, w * w])
 
