@@ -932,4 +932,4 @@ class Likelihood:
 
 # Factors on the run-to-run variation, each as probable: most machines are steadier than stated, and a weak effect shows
 # on a steady machine only.
-VARIATIONS = (1.0, 0.5, 0.25)
+VARIATIONS = (1.0, 0.5)
