@@ -873,6 +873,8 @@ def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[I
 
     Every recording is judged by itself: a check-up counts in full beside a day of work.
     """
+    if without_gap(np.array([min(c.rest for c in candidates)]))[0]:
+        return None  # neither contact nor an unknown load is left to be explained
     files = list(dict.fromkeys(s.recording.name for s in question.seen))
     chosen = set[str]()
     for name in files:
