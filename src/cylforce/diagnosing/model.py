@@ -16,7 +16,6 @@ from cylforce.diagnosing.constants import (
     BLOCK_ROWS,
     CREEP_CHANGE,
     DETECTABLE,
-    NOISY,
     STATIC_CHANGE,
     VARYING_CHANGE,
 )
@@ -33,7 +32,6 @@ from cylforce.diagnosing.regressors import (
     BARS,
     CLOCK_COLUMN,
     LOAD_CENTRE,
-    LOAD_COLUMNS,
     Regressors,
     ReturnLaw,
     Rows,
@@ -41,7 +39,7 @@ from cylforce.diagnosing.regressors import (
     typical_incidents,
 )
 from cylforce.diagnosing.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
-from cylforce.effects.fault import INCIDENTAL, SHAPES, BaseMotion, MassChange, TimeCourse
+from cylforce.effects.fault import INCIDENTAL, SHAPES, BaseMotion, TimeCourse
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
