@@ -24,7 +24,7 @@ FAULTS = [
     effect("extra_mass", "stick", [200.0, 300.0, 60.0, 500.0]),
     effect("extra_mass", "bucket", [120.0, 90.0, 30.0, 90.0]),
     effect("hose_spring", "stick", 2500.0),
-    effect("return_line_loss", "stick", [4e5, 4e5]),
+    effect("return_line_loss", "stick", [3e4, 1e4]),
 ]
 SAME = {"extra_mass": "first_moment_change", "first_moment_change": "extra_mass"}
 
