@@ -177,3 +177,19 @@ def test_a_row_at_rest_is_known_as_such_whatever_the_sign_of_the_lever(foot):
     model = Model(rig(foot), Filters(100.0, 5.0, 2.0, 2.0, 0.002), ("coulomb",))
     _, columns = model.filtered.regressor.both_halves(turning(rig(foot), [0.0, 0.1]))
     np.testing.assert_allclose(model.share_at_rest(columns)[:, 0], [1.0, 0.0], atol=1e-9)
+
+
+def test_bristles_keep_their_bend_where_a_sensor_is_noisy_at_rest():
+    t, rng = np.arange(0.0, 12.0, 0.05), np.random.default_rng(3)
+    bristles, noise = PreslidingHysteresis(way=0.001), np.diff(rng.normal(0.0, 5e-5, len(t) + 1)) / 0.05
+    for way, lacking in ((1.0, 0.0), (-1.0, 2.0)):
+        speed = np.where(t < 4.0, 0.005, np.where(t < 8.0, 0.0, way * 0.005)) + noise
+        force = bristles.force(speed, np.zeros_like(t), t)
+        assert abs(way * force[t >= 8.0][1] + lacking) < 0.7
+        assert np.max(np.abs(force[t > 10.0])) < 0.05
+
+
+def test_friction_that_saturates_grows_with_small_loads_alone():
+    loads = np.array([1e3, -1e3, 1e8])
+    force = LoadDependentFriction(easing=3e-6).force(np.full(3, 0.5), loads, np.arange(3.0))
+    np.testing.assert_allclose(force, [1e3, 1e3, 1.0 / 3e-6], rtol=0.01)
