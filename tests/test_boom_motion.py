@@ -1,4 +1,4 @@
-"""A base that moves: its torques are those of a chain with one more link, and its rate comes from the tilt sensor alone."""
+"""A base that moves: its torques are those of a chain with one more link, its rate comes from the tilt sensor."""
 
 import numpy as np
 import pytest

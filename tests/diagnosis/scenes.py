@@ -72,7 +72,9 @@ def dug(seed: int, *effects: Imposed, count: int = 4) -> Recording:
     return Recording(f"dug {seed}", np.concatenate([record.values for record in records]))
 
 
-def learnt_from(*recordings: Recording, wanted: tuple[Proposal, ...] = PROPOSALS, source=Source.REFERENCES) -> HealthyMachine:
+def learnt_from(
+    *recordings: Recording, wanted: tuple[Proposal, ...] = PROPOSALS, source=Source.REFERENCES
+) -> HealthyMachine:
     """Return what recordings say of the healthy machine."""
     model = Model(MACHINE, SERVICE.filters, FRICTION)
     regressors = Regressors(model, fitted_parameters(model, recordings))

@@ -1,4 +1,4 @@
-"""Whitened rows made of known parameters, effects, discrepancy and noise, with the likelihood of them: no machine needed."""
+"""Whitened rows of known parameters, effects, discrepancy and noise, and their likelihood: no machine is needed."""
 
 import numpy as np
 

@@ -6,7 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.constants import CORRELATED_ROWS, FEW_BLOCKS, HEALTHY, SAME_EVIDENCE, SAME_MACHINE, UNKNOWN_EFFECT
+from cylforce.diagnosing.constants import (
+    CORRELATED_ROWS,
+    FEW_BLOCKS,
+    HEALTHY,
+    SAME_EVIDENCE,
+    SAME_MACHINE,
+    UNKNOWN_EFFECT,
+)
 from cylforce.diagnosing.decide import Evidence, Verdict, costs, first_effect, one_answer
 from cylforce.diagnosing.likelihood import Form, Hypothesis, ResidualNoise
 from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Candidate, Found, Incident
@@ -146,7 +153,9 @@ def test_a_transient_beside_a_lasting_effect_does_not_hide_it():
 
 def test_without_a_cause_the_others_have_all_probability():
     """Bayes' rule among what remains."""
-    told = evidence(candidate(100.0, 0), candidate(98.0, 2), candidate(120.0, 0, 2), incidents=[incident(CONTACT, 95.0)])
+    told = evidence(
+        candidate(100.0, 0), candidate(98.0, 2), candidate(120.0, 0, 2), incidents=[incident(CONTACT, 95.0)]
+    )
     left = replace(told, withdrawn=frozenset({MASS}))
     assert [c.hypothesis.forms for c in left.candidates] == [(), (2,)]
     assert MASS not in left.posterior

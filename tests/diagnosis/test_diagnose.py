@@ -71,7 +71,9 @@ def test_two_effects_are_both_named():
     assert found.simulated.share[0] > 0.9
 
 
-@pytest.mark.xfail(strict=True, reason="contact that begins within a block is taken for work, and friction for its loads")
+@pytest.mark.xfail(
+    strict=True, reason="contact that begins within a block is taken for work, and friction for its loads"
+)
 def test_a_transient_contact_does_not_hide_a_lasting_fault():
     """For six seconds of sixty the teeth are in the ground."""
     contact = effect("soil_contact", "bucket", [2e3, 3e3], begin=40.0, end=46.0)

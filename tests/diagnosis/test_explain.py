@@ -1,4 +1,4 @@
-"""Explanation of an answer: how far the gap closes once its causes are simulated, where it is, and what a refit removes."""
+"""Explanation of an answer: how far simulated causes close the gap, where it is, and what a refit removes."""
 
 from dataclasses import replace
 from functools import cache
@@ -22,7 +22,6 @@ from cylforce.diagnosing.explain import (
     unexplained_shape,
     weight_error,
     where,
-    worst_place,
 )
 from cylforce.diagnosing.regressors import Regressors
 from cylforce.diagnosing.statistics import rms
@@ -179,11 +178,9 @@ def test_the_patch_makes_the_simulated_machine_like_the_recorded_one(fault):
     """Its blocks are read by the simulator, and leave little of the gap."""
     found = diagnosed((FIELD, (fault,)))
     blocks = blocks_of(found.evidence.found.question, [named.cause for named in found.named])
-    assert [(b["name"], b["at"]) for b in blocks] == [key for key in names(found)]
+    assert [(b["name"], b["at"]) for b in blocks] == names(found)
     effects = [imposed(MACHINE, b["name"], b["at"], b["value"], shape=b.get("shape")) for b in blocks]
-    healthy, faulty, patched = (
-        asked((FIELD, own)).residuals()[0] for own in ((), (fault,), tuple(effects))
-    )
+    healthy, faulty, patched = (asked((FIELD, own)).residuals()[0] for own in ((), (fault,), tuple(effects)))
     assert rms([patched - faulty])[0] < 0.15 * rms([healthy - faulty])[0]
 
 
@@ -221,7 +218,9 @@ def test_a_gap_in_one_regime_is_found_there():
     made = [e.copy() for e in question.residuals()]
     for seen, e in zip(question.seen, made, strict=True):
         own = MACHINE.spans.index((MACHINE.rows[0],))
-        e[:, 0] += 5.0 * healthy_machine().floor.rms[0] * (seen.rows.speed[:, own] > 0.0) * np.sign(np.sin(9.0 * seen.rows.t))
+        e[:, 0] += (
+            5.0 * healthy_machine().floor.rms[0] * (seen.rows.speed[:, own] > 0.0) * np.sign(np.sin(9.0 * seen.rows.t))
+        )
     spots = {(s.joint, s.regime): s for s in where(question, made)}
     assert spots["stick", "extending"].found
     assert spots["stick", "extending"].share == pytest.approx(1.0, abs=0.1)
@@ -312,7 +311,10 @@ def test_white_noise_is_a_function_of_nothing():
 def test_a_refit_finds_a_stick_eight_per_cent_too_heavy():
     """The model's stick is, and the machine's is not."""
     machine = healthy_machine()
-    model, values = machine.regressors.model, machine.regressors.parameters + machine.values[: len(machine.regressors.parameters)]
+    model, values = (
+        machine.regressors.model,
+        machine.regressors.parameters + machine.values[: len(machine.regressors.parameters)],
+    )
     own = [k for k, p in enumerate(model.parameters[: 3 * MACHINE.size]) if p.name.startswith("stick")]
     assert len(own) == 3
     heavy = values.copy()

@@ -8,7 +8,15 @@ from scipy.integrate import quad
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, CARRY_BACK, CORRELATED_ROWS, INCIDENT, PAYLOAD, POLYNOMIALS, SAME_MACHINE
+from cylforce.diagnosing.constants import (
+    BLOCK_ROWS,
+    CARRY_BACK,
+    CORRELATED_ROWS,
+    INCIDENT,
+    PAYLOAD,
+    POLYNOMIALS,
+    SAME_MACHINE,
+)
 from cylforce.diagnosing.likelihood import (
     DECAY,
     LEVELS,
@@ -24,9 +32,23 @@ from cylforce.diagnosing.likelihood import (
     likeliest_noise,
     log_prior_of_blocks,
 )
-from cylforce.diagnosing.statistics import Blocks, Gram, SharedNoise
+from cylforce.diagnosing.statistics import Gram, SharedNoise
 from cylforce.effects.fault import BEYOND
-from diagnosis.synthetic import BASIS, BLOCKS, COLUMNS, HIGH, JOINTS, LOW, PARAMETERS, UNIT, USUAL, blocks, gram, likelihood, rows
+from diagnosis.synthetic import (
+    BASIS,
+    BLOCKS,
+    COLUMNS,
+    HIGH,
+    JOINTS,
+    LOW,
+    PARAMETERS,
+    UNIT,
+    USUAL,
+    blocks,
+    gram,
+    likelihood,
+    rows,
+)
 
 SEED = 5
 NOISE = ResidualNoise(np.array([0.7, 2.0]), np.array([1.1, 0.8]))
@@ -218,7 +240,9 @@ def test_a_discrepancy_too_small_to_be_seen_may_be_as_large_as_the_rows_allow():
     for level, low, high in ((0.0, 2.0 * LEVELS[0], 1.0), (3.0, 2.0, 4.5)):
         found = gram(rows(1, level=level))
         white, smooth = (each[0] for each in found.certain_energies(exact[None]))
-        assert np.all((largest_discrepancy(found, white, smooth) > low) & (largest_discrepancy(found, white, smooth) < high))
+        assert np.all(
+            (largest_discrepancy(found, white, smooth) > low) & (largest_discrepancy(found, white, smooth) < high)
+        )
 
 
 def test_a_residual_like_the_healthy_one_is_usual_and_a_tenfold_one_is_not():
@@ -411,7 +435,7 @@ STRETCH_BLOCKS = 10
 
 
 def payloads(rng, *loads, carried_on=True):
-    """Return stretches of ten blocks with one load each, in units of the noise, and the coefficients of the residual."""
+    """Return stretches of ten blocks with one load each, in units of the noise, and coefficients of the residual."""
     count = STRETCH_BLOCKS * len(loads)
     own, load, noise = rng.standard_normal((3, count, BLOCK_ROWS))
     residual = load * np.repeat(loads, STRETCH_BLOCKS)[:, None] + noise

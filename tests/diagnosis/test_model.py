@@ -16,8 +16,8 @@ from cylforce.diagnosing.model import (
     REGIMES,
     VARYING,
     Source,
-    forms_of,
     fitted_parameters,
+    forms_of,
     identified,
     noise_of_sensors,
     quiet_blocks,
@@ -191,7 +191,9 @@ def test_an_error_that_references_show_with_an_impossible_sign_is_no_evidence_th
 def test_a_simulation_without_noise_has_the_sensors_noise_as_floor():
     """Otherwise every residual of the machine would be a gap."""
     silent = [recorded(seed, noise=False) for seed in REFERENCE_SEEDS]
-    plain, simulated = (learnt_from(*silent, wanted=FEW, source=source) for source in (Source.REFERENCES, Source.SIMULATION))
+    plain, simulated = (
+        learnt_from(*silent, wanted=FEW, source=source) for source in (Source.REFERENCES, Source.SIMULATION)
+    )
     rows = [simulated.regressors.rows(each, ()) for each in silent]
     noise = noise_of_sensors(simulated.regressors, silent, rows, SENSOR_NOISE, np.random.default_rng(3))
     assert plain.floor.rms[0] < 0.8 * noise.rms[0]
@@ -206,8 +208,7 @@ def test_a_simulation_without_noise_has_the_sensors_noise_as_floor():
 @cache
 def tares():
     """What identifying the machine from an empty recording finds."""
-    found = identify(Model(MACHINE, SERVICE.filters, FRICTION), [recorded(1, seconds=120.0).values], refuse=False)
-    return found
+    return identify(Model(MACHINE, SERVICE.filters, FRICTION), [recorded(1, seconds=120.0).values], refuse=False)
 
 
 def identified_machine(read, field):
@@ -336,7 +337,9 @@ def test_a_machine_that_works_most_of_the_time_is_found_in_the_remainder(seed):
     rng = np.random.default_rng(seed)
     rows = worked(rng)
     quiet = np.isin(np.arange(COUNT), rng.permutation(COUNT)[: int(0.3 * COUNT)])
-    load, force = (np.repeat(x, BLOCK_ROWS)[:, None] for x in (rng.uniform(500.0, 1500.0, COUNT), rng.uniform(1e4, 1e5, COUNT)))
+    load, force = (
+        np.repeat(x, BLOCK_ROWS)[:, None] for x in (rng.uniform(500.0, 1500.0, COUNT), rng.uniform(1e4, 1e5, COUNT))
+    )
     lifts = np.repeat(rng.random(COUNT) < 0.5, BLOCK_ROWS)[:, None]
     added = np.where(lifts, load * rows[..., OWN + LOAD], force * rows[..., OWN + TIP])
     rows[..., -1] += np.where(np.repeat(quiet, BLOCK_ROWS)[:, None], 0.0, added)

@@ -91,7 +91,10 @@ def test_the_simulated_machine_shows_the_column_of_an_effect(name, at, value, sh
     assert off < lacking, f"{off:.3f} of {np.sqrt(np.mean(seen[good] ** 2)):.1f} N m"
 
 
-NOT_HERE = {"intermittent_glitch", "boom_motion"}  # jumps are found in the readings; a base that moves is tested by itself
+NOT_HERE = {
+    "intermittent_glitch",
+    "boom_motion",
+}  # jumps are found in the readings; a base that moves is tested by itself
 
 
 def test_every_effect_of_the_library_that_lasts_has_its_case():
@@ -156,9 +159,7 @@ def central_difference(own, fault, where, values):
             for sign in (1.0, -1.0)
         )
     else:
-        less, more = (
-            whole_residual(own, values, fault.altered(machine, where, sign * step)) for sign in (1.0, -1.0)
-        )
+        less, more = (whole_residual(own, values, fault.altered(machine, where, sign * step)) for sign in (1.0, -1.0))
     return (more - less) / (2.0 * step)
 
 

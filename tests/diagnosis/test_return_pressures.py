@@ -39,7 +39,7 @@ def recording(seed, rod=0.0, scatter=2e4, speeds=(0.05, 0.3)):
 
 
 def evidence(size, sensor=ROD, law=None, rod=0.0, scatter=2e4):
-    """Return the evidence for an error of a sensor in a recording whose rod side's zero is off, beside two healthy ones."""
+    """Return the evidence for an error of a sensor where the rod side's zero is off, beside two healthy recordings."""
     healthy, field = [recording(1, 0.0, scatter), recording(2, 0.0, scatter)], [recording(3, rod, scatter)]
     return from_recordings(healthy, field, size, sensor, law or PressureOffset())
 

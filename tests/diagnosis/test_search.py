@@ -1,6 +1,5 @@
 """The search finds what was put in, and nothing else; effects are taken out of the readings at their magnitudes."""
 
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -202,7 +201,10 @@ def test_contact_is_found_in_the_blocks_in_which_it_happens():
     own = max((i for i in (*beside, *found.incidents) if i.key[0] == CONTACT), key=lambda i: i.log)
     half = BLOCK_ROWS / ROWS_HZ / 2.0
     middle = found.question.times
-    inside, outside = (middle > begin + half) & (middle < end - half), (middle < begin - half) | (middle > end + 2 * half)
+    inside, outside = (
+        (middle > begin + half) & (middle < end - half),
+        (middle < begin - half) | (middle > end + 2 * half),
+    )
     assert np.all(own.sizes[inside] > 0.0)
     assert np.mean(own.sizes[outside] > 0.0) < 0.15
     assert 0.05 < own.share < 0.3
@@ -232,5 +234,3 @@ def test_a_lasting_fault_of_a_digging_machine_is_found_beside_its_loads():
     found = examined(question, lambda _: True)
     assert found.work is not None
     assert ("sensor_delay", "stick_angle") in Evidence(found).credible
-
-

@@ -62,7 +62,9 @@ def test_what_is_slow_does_not_vanish_as_noise():
 
 
 def test_rms_ignores_what_is_not_usable():
-    assert rms([np.array([[3.0, np.nan], [np.nan, np.nan]]), np.array([[4.0, np.nan]])]) == pytest.approx([12.5**0.5, 0.0])
+    assert rms([np.array([[3.0, np.nan], [np.nan, np.nan]]), np.array([[4.0, np.nan]])]) == pytest.approx(
+        [12.5**0.5, 0.0]
+    )
 
 
 def test_polynomials_are_orthonormal_on_the_usable_rows_of_each_block():
@@ -182,7 +184,7 @@ def noise_in_both(slow, blocks=20, factor=2.0):
 
 @pytest.mark.parametrize("slow", [False, True])
 def test_noise_in_both_is_known_along_the_polynomials(slow):
-    """White noise has as much along each polynomial as in each row; what is constant in a block is all along the first."""
+    """White noise has as much along each polynomial as in a row; what is constant in a block is along the first."""
     found = noise_in_both(slow)
     products, rows = found.products.sum(axis=0)[0, :, 0], float(found.counts.sum())
     assert products[0] == pytest.approx(2.0 * rows, rel=0.5 if slow else 0.1)
