@@ -11,6 +11,7 @@ from cylforce.diagnosing.model import HealthyMachine, Source, fitted_parameters,
 from cylforce.diagnosing.recordings import Recording
 from cylforce.diagnosing.regressors import Regressors
 from cylforce.diagnosing.search import Key, Question
+from cylforce.effects.geometry.linkage_geometry import LinkageGeometry
 from cylforce.effects.imposed import Imposed, imposed
 from cylforce.effects.library import LIBRARY, Proposal, proposals
 from cylforce.effects.unknown import UNKNOWN_TORQUES
@@ -34,8 +35,9 @@ NAMES = (  # one or two effects of every kind, and their rivals: half of the lib
     *("soil_contact", "slew_centrifugal", "payload_spill", "payload_shift"),
 )
 FIRST_FORMS = {group[0].about.name: group for group in reversed(LIBRARY)}
+OTHER_PINS = tuple(group for group in LIBRARY if group[0] == LinkageGeometry(1))
 PROPOSALS = (
-    *proposals(MACHINE, tuple(FIRST_FORMS[name] for name in NAMES)),
+    *proposals(MACHINE, (*(FIRST_FORMS[name] for name in NAMES), *OTHER_PINS)),
     *proposals(MACHINE, UNKNOWN_TORQUES),
 )
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing import diagnose
+from cylforce.diagnosing import concluded, diagnose
 from cylforce.diagnosing.constants import HALF
 from cylforce.diagnosing.decide import Verdict
 from cylforce.diagnosing.search import NO_GAP, UNKNOWN
@@ -62,6 +62,33 @@ def test_the_answer_is_consistent():
     assert first.cause.key not in first.rivals
     assert found.evidence.credible[0] == first.cause.key
     assert np.all(np.diff([named.confidence for named in found.named]) <= 0.0)
+
+
+def test_after_a_cause_is_contradicted_by_its_simulation_the_next_one_is_named():
+    """A wrong effect is made by far the likeliest; simulated, it does not bring the machine nearer."""
+    true, wrong = ("coulomb_friction", "stick"), ("angle_offset", "stick_angle")
+    plain = diagnosed((FIELD, (FAULTS[0],))).evidence.found
+    best = max(c.log for c in plain.candidates)
+
+    def favoured(candidate):
+        if candidate.keys != {wrong}:
+            return candidate
+        return replace(candidate, hypothesis=replace(candidate.hypothesis, log=best + 500.0, rest=1.0))
+
+    other = replace(plain, candidates=tuple(favoured(c) for c in plain.candidates))
+    assert any(c.keys == {wrong} for c in plain.candidates)
+    found = concluded(other, np.random.default_rng(1))
+    assert names(found) == [true]
+    assert any(said.startswith("simulated with angle_offset@stick_angle") for said in found.refuted)
+    assert wrong not in found.evidence.posterior
+    assert sum(found.evidence.posterior.values()) == pytest.approx(1.0)
+
+
+def test_where_every_cause_is_contradicted_the_gap_stays_unknown():
+    plain = diagnosed((FIELD, (FAULTS[0],))).evidence.found
+    kept = [c for c in plain.candidates if not c.keys or c.keys == {("angle_offset", "stick_angle")}]
+    found = concluded(replace(plain, candidates=tuple(kept), incidents=()), np.random.default_rng(1))
+    assert (found.verdict, names(found)) == (Verdict.UNKNOWN, [])
 
 
 def test_two_effects_are_both_named():
