@@ -31,7 +31,7 @@ BLOCKS = 100
 def candidate(log, *forms, rest=None, noise=NOISE, known=FORMS):
     """Return a hypothesis of some of the known forms; the healthy machine has the gap as residual."""
     size, rest = np.ones(len(forms)), (1.0 if forms else GAP) if rest is None else rest
-    return Candidate(Hypothesis(forms, log, noise, size, 0.1 * size, rest), SimpleNamespace(forms=known))
+    return Candidate(Hypothesis(forms, log, noise, size, 0.1 * size, rest), SimpleNamespace(forms=known, laid=None))
 
 
 def incident(key, log, share=0.1, rest=1.0, before=GAP):
