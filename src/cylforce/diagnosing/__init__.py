@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosing.constants import CLEAR_GAP, SAME_MACHINE
+from cylforce.diagnosing.constants import BLOCK_ROWS, CLEAR_GAP, SAME_MACHINE
 from cylforce.diagnosing.decide import SURE, Evidence, Verdict, costs, first_effect, one_answer
 from cylforce.diagnosing.explain import (
     Cause,
@@ -153,23 +153,21 @@ def _tried(evidence: Evidence, key: Key, rng: np.random.Generator) -> tuple[tupl
         incident = max((i for i in evidence.incidents if i.key == key), key=lambda i: i.log)
         cause = cause_of_incident(evidence, incident)
         if evidence.found.work is not None:
-            return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause, question.forms)
+            return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause)
         simulated = Simulation(question, None).run((cause,), rng)
-        objection = objection_to_magnitude(cause, question.forms) or objection_to_simulation(
-            question, (cause,), simulated
-        )
+        objection = objection_to_magnitude(cause) or objection_to_simulation(question, (cause,), simulated)
         return (cause,), simulated, objection
     if evidence.found.work is not None:  # contact and loads, most of that gap, are nothing that an effect removes
         (cause, *_) = causes_of(evidence, candidate)
-        return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause, question.forms)
+        return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause)
     single = _single(evidence, key, candidate)
     (first,) = causes_of(evidence, single)[:1]
     alone = Simulation(question, single).run((first,), rng)
-    objection = objection_to_magnitude(first, question.forms) or objection_to_simulation(question, (first,), alone)
+    objection = objection_to_magnitude(first) or objection_to_simulation(question, (first,), alone)
     both = causes_of(evidence, candidate)
     more = [c for c in both[1:] if c.probability >= SURE and c.key != UNKNOWN]
-    more = [c for c in more if not objection_to_magnitude(c, question.forms) and _shows(question, c, alone)]
-    if more and not objection_to_magnitude(both[0], question.forms):
+    more = [c for c in more if not objection_to_magnitude(c) and _shows(question, c, alone)]
+    if more and not objection_to_magnitude(both[0]):
         causes = (both[0], *more)
         simulated = Simulation(question, candidate).run(causes, rng)
         if not objection_to_simulation(question, causes, simulated):
@@ -179,11 +177,7 @@ def _tried(evidence: Evidence, key: Key, rng: np.random.Generator) -> tuple[tupl
 
 def _single(evidence: Evidence, key: Key, candidate: Candidate) -> Candidate:
     """Return the most probable hypothesis of an effect by itself; another one where it was not examined so."""
-    own = [
-        c
-        for c in evidence.candidates
-        if len(c.hypothesis.forms) == 1 and evidence.found.key(c.hypothesis.forms[0]) == key
-    ]
+    own = [c for c in evidence.candidates if len(c.hypothesis.forms) == 1 and c.keys == {key}]
     return max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
 
 
@@ -197,23 +191,22 @@ def _shows(question: Question, cause: Cause, alone: Simulated) -> bool:
 
 def added_torque(question: Question, cause: Cause) -> list[Array]:
     """Return the torques (T, R) [N m] of a cause along the recordings, by its columns."""
-    layout, found = question.machine.layout, []
-    form = None if cause.form is None else question.forms[cause.form]
-    for seen, span in zip(question.seen, question.spans, strict=True):
-        columns = layout.columns(seen.rows, seen.recording)
-        if form is not None and not cause.proposal.course:
-            own = columns[..., list(form.columns)]
-        elif form is not None and cause.proposal.clock:
-            own = columns[..., [layout.clock]]
+    layout, proposal, found = question.machine.layout, cause.proposal, []
+    refined = cause.question.refined
+    for n, (seen, span) in enumerate(zip(question.seen, question.spans, strict=True)):
+        if refined is not None and refined.proposal is proposal:
+            own = refined.columns[n]
         else:
-            places = (
-                layout.places[layout.proposals.index(cause.proposal)]
-                if form is None
-                else [layout.incident(cause.proposal)[k] for k in range(cause.sizes.shape[1])]
-            )
+            columns = layout.columns(seen.rows, seen.recording)
+            if proposal.clock:
+                places: Sequence[int] = [layout.clock] * len(cause.sizes[0])
+            elif proposal.course:
+                places = layout.incident(proposal)[: cause.sizes.shape[1]]
+            else:
+                places = layout.places[layout.proposals.index(proposal)]
             own = columns[..., list(places)]
         each = np.nan_to_num(cause.course).T[slice(*span)] @ cause.sizes  # (B, M)
-        found.append(np.einsum("trm,tm->tr", own, np.repeat(each, 60, axis=0)[: len(seen.rows.t)]))
+        found.append(np.einsum("trm,tm->tr", own, np.repeat(each, BLOCK_ROWS, axis=0)[: len(seen.rows.t)]))
     return found
 
 

@@ -26,7 +26,7 @@ NOISE_CHANGE = 1.4  # factor: scale of the white noise from one recording to the
 TAIL = 0.03  # probability that a joint's residual is nothing that healthy machines show
 
 # Run-to-run variation of a healthy machine, in least plausible magnitudes (table of the ablation in the chapter).
-STATIC_CHANGE = 0.2  # of geometry, masses, gains, scales: pins do not move from day to day; the rest is model error
+STATIC_CHANGE = 0.02  # of geometry, masses, gains, scales: pins do not move from day to day; the rest is model error
 VARYING_CHANGE = 0.2  # of friction and of pressure zeros, which follow the temperature
 CREEP_CHANGE = 1.0  # of friction at creep, whose law is the least certain
 

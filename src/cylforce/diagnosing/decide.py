@@ -1,7 +1,7 @@
 """From hypotheses with their evidence to probabilities, and from probabilities to the answer that costs least."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 
@@ -52,32 +52,28 @@ class Evidence:
     @cached_property
     def candidates(self) -> list[Candidate]:
         """Hypotheses of effects that last."""
-        return [c for c in self.found.candidates if not self.keys(c) & self.withdrawn]
+        return [c for c in self.found.candidates if not c.keys & self.withdrawn]
 
     @cached_property
     def incidents(self) -> list[Incident | Spill]:
         """What happens in single blocks alone."""
         return [i for i in self.found.incidents if i.key not in self.withdrawn]
 
-    def keys(self, c: Candidate) -> frozenset[Key]:
-        """Return name and place of the effects of a hypothesis."""
-        return frozenset(self.found.key(p) for p in c.hypothesis.forms)
-
     @cached_property
     def _best(self) -> dict[frozenset[Key], float]:
         found: dict[frozenset[Key], float] = {}
         for c in self.candidates:
-            found[self.keys(c)] = max(c.log, found.get(self.keys(c), -np.inf))
+            found[c.keys] = max(c.log, found.get(c.keys, -np.inf))
         return found
 
     def without(self, c: Candidate, key: Key) -> float:
         """Return the log of what the other effects of a hypothesis, or some of them, explain at best."""
-        others = self.keys(c) - {key}
+        others = c.keys - {key}
         return max(log for some, log in self._best.items() if some <= others)
 
     def main(self, c: Candidate) -> Key:
         """Return the effect of a hypothesis without which most is lost."""
-        return min(self.keys(c), key=lambda k: (self.without(c, k), k))
+        return min(c.keys, key=lambda k: (self.without(c, k), k))
 
     # Prior
 
@@ -87,14 +83,14 @@ class Evidence:
         return len(names - {UNKNOWN[0]})
 
     @cached_property
-    def _prior(self) -> list[float]:
-        """Log prior of each form: alike for all names, and for all places and forms of a name."""
-        forms, found = self.found.question.forms, []
+    def _prior(self) -> dict[Key, float]:
+        """Log prior of each form by name and place: alike for all names, and for all places and forms of a name."""
+        forms, found = self.found.question.forms, dict[Key, float]()
         for form in forms:
             places = len({f.at for f in forms if f.name == form.name})
             shapes = sum(f.key == form.key for f in forms)
             whole = UNKNOWN_EFFECT if form.name == UNKNOWN[0] else (1.0 - HEALTHY - UNKNOWN_EFFECT) / self._names
-            found.append(float(np.log(whole / places / shapes)))
+            found[form.key] = float(np.log(whole / places / shapes))
         return found
 
     def prior_of(self, c: Candidate) -> float:
@@ -102,7 +98,8 @@ class Evidence:
         if not c.hypothesis.forms:
             return float(np.log(HEALTHY))
         more = len(c.hypothesis.forms) - 1
-        return sum(self._prior[p] for p in c.hypothesis.forms) + more * float(np.log(SECOND_EFFECT))
+        own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
+        return own + more * float(np.log(SECOND_EFFECT))
 
     def prior_of_incident(self, i: Incident | Spill) -> float:
         """Return the log prior probability of something that happens in single blocks."""
@@ -200,7 +197,7 @@ class Evidence:
         found: dict[Key, float] = {}
         for c in self.candidates:
             if len(c.hypothesis.forms) == 1 and c.incident is None:
-                key = self.found.key(c.hypothesis.forms[0])
+                key = c.key(c.hypothesis.forms[0])
                 found[key] = max(found.get(key, -np.inf), c.log)
         for i in self.incidents:
             found[i.key] = max(found.get(i.key, -np.inf), i.log)
@@ -254,7 +251,7 @@ def one_answer(evidence: Evidence) -> tuple[Evidence, dict[Key, Key]]:
         logs = [evidence.alone[key] for key in both]
         if abs(logs[0] - logs[1]) >= SAME_EVIDENCE:
             continue
-        own = [c for c in evidence.candidates if evidence.keys(c) & set(both)]
+        own = [c for c in evidence.candidates if c.keys & set(both)]
         likeliest = max(own, key=lambda c: c.log + evidence.prior_of(c), default=None)
         lacking = [key for key in both if likeliest is not None and key not in evidence.keys(likeliest)]
         if lacking:

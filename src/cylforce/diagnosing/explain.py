@@ -6,7 +6,6 @@ withdrawn, and Bayes' rule holds among the others."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,14 +14,12 @@ from scipy import stats
 
 from cylforce.diagnosing.constants import (
     BLOCK_ROWS,
-    CLEAR_GAP,
     CREDIBLE,
     HALF,
     LEAST_CLOSURE,
     SAME_MACHINE,
 )
 from cylforce.diagnosing.decide import Evidence
-from cylforce.diagnosing.likelihood import Form, Hypothesis, ResidualNoise
 from cylforce.diagnosing.model import (
     CENTRE,
     FOLDS,
@@ -65,6 +62,7 @@ class Cause:
 
     key:         name and place
     proposal:    the effect
+    question:    the recordings, corrected for it
     form:        number of its form; None of an incident
     sizes:       (W, M) sizes [SI], one row of each window of an incident
     errors:      (W, M) standard errors
@@ -76,6 +74,7 @@ class Cause:
 
     key: Key
     proposal: Proposal
+    question: Question
     form: int | None
     sizes: Array
     errors: Array
@@ -108,12 +107,12 @@ def causes_of(evidence: Evidence, candidate: Candidate) -> list[Cause]:
     question, h, found, k = candidate.question, candidate.hypothesis, [], 0
     main = evidence.main(candidate)
     for p in h.forms:
-        form, proposal = question.forms[p], question.proposals[p]
+        form = question.forms[p]
         m = len(form.columns)
-        unit = question.unit[list(form.columns)]
+        unit = question.unit_of(p)
         sizes, errors = form.bounded(h.sizes[k : k + m] * unit), h.errors[k : k + m] * unit
         k += m
-        key = evidence.found.key(p)
+        key = candidate.key(p)
         probability = evidence.posterior.get(key, 0.0) if key == main else _included(evidence, key)
         nats = h.log - evidence.without(candidate, key)
         errors = np.hypot(errors, form.law_error * np.abs(sizes))
@@ -125,7 +124,7 @@ def _included(evidence: Evidence, key: Key) -> float:
     """Return the probability that an effect is present, alone or beside others."""
     weights, others = evidence.weights
     each = zip(evidence.candidates, weights, strict=True)
-    return sum(w for c, w in each if key in evidence.keys(c)) / (sum(weights) + sum(others))
+    return sum(w for c, w in each if key in c.keys) / (sum(weights) + sum(others))
 
 
 def _cause(
@@ -141,7 +140,7 @@ def _cause(
         course = np.where(number == first, np.nan, (number > first) & (number < last))[None]
         when = f"from {question.times[first]:.0f} s on"
     value, error = (x.reshape(rows, -1) for x in sizes)
-    return Cause(key, proposal, form, value, error, course, probability, nats, when)
+    return Cause(key, proposal, question, form, value, error, course, probability, nats, when)
 
 
 def cause_of_incident(evidence: Evidence, incident: Incident | Spill) -> Cause:
@@ -150,7 +149,10 @@ def cause_of_incident(evidence: Evidence, incident: Incident | Spill) -> Cause:
         probability = evidence.posterior.get(incident.key, 0.0)
         nats, when = incident.log - evidence.found.healthy.log, f"{len(incident.sizes)} times"
         sizes, errors = incident.sizes, incident.errors
-        return Cause(incident.key, incident.proposal, None, sizes, errors, incident.course, probability, nats, when)
+        own = evidence.found.question
+        return Cause(
+            incident.key, incident.proposal, own, None, sizes, errors, incident.course, probability, nats, when
+        )
     question, case = evidence.found.question, evidence.found.case
     held = replace(case, nuisance=incident.nuisance)
     h = held.hypothesis((), case.machine.noise)
@@ -163,6 +165,7 @@ def cause_of_incident(evidence: Evidence, incident: Incident | Spill) -> Cause:
     return Cause(
         incident.key,
         incident.proposal,
+        question,
         None,
         (sizes * unit)[where],
         errors[where],
@@ -173,14 +176,14 @@ def cause_of_incident(evidence: Evidence, incident: Incident | Spill) -> Cause:
     )
 
 
-def objection_to_magnitude(cause: Cause, forms: Sequence[Form]) -> str:
+def objection_to_magnitude(cause: Cause) -> str:
     """Return what the magnitude of a cause says against it, in a sentence; empty if nothing does.
 
     A magnitude at its bound stands for something else; an interval that contains zero for nothing.
     """
     name = "{}@{}".format(*cause.key)
     if cause.form is not None:
-        form = forms[cause.form]
+        form = cause.question.forms[cause.form]
         magnitude = float(np.linalg.norm(cause.sizes.ravel()[: form.components]))
         if magnitude >= BEYOND * form.high * (1.0 - 1e-6):
             return f"{name}: its magnitude is at the largest plausible one, so that it stands for something else: not named"
@@ -366,16 +369,16 @@ class Simulation:
             _, fitted, residual = case.under(forms, case.state(whole.noise))
             fits.append((fitted, residual))
         (first, _), (now, residual) = fits
-        sized, more, k = [], np.zeros(other.size), 0
+        sized, more, k = [], np.zeros(other.size + (len(other.refined.unit) if other.refined else 0)), 0
         for cause in causes:
             form = other.forms[cause.form or 0]
-            m, unit = len(form.columns), other.unit[list(form.columns)]
+            m, unit = len(form.columns), other.unit_of(cause.form or 0)
             change = form.bounded(now.sizes[k : k + m] * unit) - form.bounded(first.sizes[k : k + m] * unit)
             sizes = form.bounded(cause.sizes.ravel() + change).reshape(cause.sizes.shape)
             more[list(form.columns)] = now.more[k : k + m]
             sized.append(replace(cause, sizes=sizes))
             k += m
-        coefficients = other.beside(more)
+        coefficients = other.beside(more[: other.size])
         if (
             self.question.machine.references == 0
         ):  # parameters known as well as they were identified give way to effects

@@ -16,7 +16,6 @@ from cylforce.diagnosing.constants import (
     BLOCK_ROWS,
     CREEP_CHANGE,
     DETECTABLE,
-    NOISY,
     STATIC_CHANGE,
     VARYING_CHANGE,
 )
@@ -33,7 +32,6 @@ from cylforce.diagnosing.regressors import (
     BARS,
     CLOCK_COLUMN,
     LOAD_CENTRE,
-    LOAD_COLUMNS,
     Regressors,
     ReturnLaw,
     Rows,
@@ -41,7 +39,7 @@ from cylforce.diagnosing.regressors import (
     typical_incidents,
 )
 from cylforce.diagnosing.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
-from cylforce.effects.fault import INCIDENTAL, SHAPES, BaseMotion, MassChange, TimeCourse
+from cylforce.effects.fault import INCIDENTAL, SHAPES, BaseMotion, TimeCourse
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
@@ -519,7 +517,7 @@ def _learnt_machine(layout: Layout, grams: Sequence[Gram], rate_hz: float, share
             best = fit
     noise, mean, covariance, _, healthy = best
     forms = forms_of(layout)
-    variation = _stated_variation(layout, forms, mean[:size], rate_hz)
+    variation = _stated_variation(layout, forms, rate_hz)
     covariance = _unsure_signs(forms, layout.unit, mean[:size], covariance[:size, :size])
     found = Machine(mean[:size], covariance, variation, noise)
     if len(grams) >= FEWEST_REFERENCES:
@@ -586,8 +584,8 @@ def lasting(layout: Layout) -> list[Proposal]:
     return [p for p in layout.proposals if p.course is not TimeCourse.WINDOWS]
 
 
-def _stated_variation(layout: Layout, forms: Sequence[Form], mean: Array, rate_hz: float) -> Array:
-    """Return the run-to-run variation (K,) as physics says, and the error of a law times what the references show of it."""
+def _stated_variation(layout: Layout, forms: Sequence[Form], rate_hz: float) -> Array:
+    """Return the run-to-run variation (K,) as physics says."""
     found = np.zeros(layout.size)
     for form in forms:
         if not form.columns:
@@ -596,8 +594,7 @@ def _stated_variation(layout: Layout, forms: Sequence[Form], mean: Array, rate_h
         change = CREEP_CHANGE if form.name in CREEP else VARYING_CHANGE if form.name in VARYING else STATIC_CHANGE
         if form.name in START_TO_START:
             change = max(VARYING_CHANGE, PHASE / rate_hz / form.low)
-        least = change * form.low / layout.unit[own[0]]
-        found[own] = np.hypot(least, form.law_error * np.abs(mean[own]))
+        found[own] = np.maximum(found[own], change * form.low / layout.unit[own[0]])
     if layout.base_moves:  # another slope, another stiffness of the ground
         for p, columns in zip(layout.proposals, layout.places, strict=True):
             if isinstance(p.group[0], BaseMotion):
@@ -672,7 +669,7 @@ def identified(
     whole = np.diag(known)
     whole[:count, :count] = covariance / np.outer(layout.unit[:count], layout.unit[:count])
     noise = ResidualNoise(np.ones(joints), np.ones(joints), np.full(joints, UNSEEN_WIDTH))
-    variation = _stated_variation(layout, forms_of(layout), np.zeros(layout.size), regressors.model.filters.rate_hz)
+    variation = _stated_variation(layout, forms_of(layout), regressors.model.filters.rate_hz)
     machine = Machine(np.zeros(layout.size), whole, variation, noise)
     squares = np.tile(unexplained**2, (FOLDS, 1))
     return HealthyMachine(

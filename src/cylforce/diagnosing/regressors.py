@@ -293,6 +293,15 @@ class Regressors:
             base_rate=base_rate[late],
         )
 
+    def column_source(self, recording: Recording, rows: Rows) -> "ColumnSource":
+        """Return what computes the column of one more effect along a recording with known rows."""
+        values = recording.values
+        moved = self.slow.channels.run(self.thinned(values))
+        parameters = self.parameters + self._carried(recording.load_kg, rows.base, rows.residual)
+        run = _Run(recording, parameters, self._sensitivity(values, parameters), self._base_rate(values))
+        steps = np.arange(len(moved.motion.q), dtype=np.float64)
+        return ColumnSource(self, run, moved, recording.begins_s + (steps - 0.5) / self.slow.filters.rate_hz)
+
     def residual(self, recording: Recording, lost: NDArray[np.bool_]) -> Array:
         """Return the residual (T', R) [N m] alone, without the mass of the known load.
 
@@ -432,6 +441,40 @@ class Regressors:
         return _Simulated(other, effects, self.parameters + self.model.load @ load, load).rows(
             corrected.values, rows, recording
         )
+
+
+@dataclass(frozen=True)
+class ColumnSource:
+    """Computes the columns of single effects along a recording, such as of a law with another shape.
+
+    regressors: of the model
+    run:        the recording
+    moved:      its motion
+    t:          (T,) time [s]
+    """
+
+    regressors: Regressors
+    run: _Run
+    moved: Moved
+    t: Array
+
+    def columns(self, p: Proposal) -> Array:
+        """Return the columns (T', R, M) of an effect at its place."""
+        own, f, late = self.regressors, self.regressors.slow.filters, slice(self.regressors.slow.settle_steps, None)
+        laws = tuple((e, p.where) for e in p.group if isinstance(e, ForceLaw | JointLaw))
+        if laws:
+            plain = Regressor(own.slow.machine, (_Laws(laws, self.t),))
+            filtered = FilteredRegressor(plain, 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz).run(self.moved.motion)
+            found = filtered.columns
+        else:
+            base = self._base if any(isinstance(e, MassChange | Share) for e in p.group) else np.zeros(0)
+            each = [own._columns(p, e, self.run, base, self.t, iter(())) for e in p.group]  # noqa: SLF001 - of one module
+            found = np.concatenate(each, axis=-1)
+        return np.nan_to_num(found[late])
+
+    @cached_property
+    def _base(self) -> Array:
+        return self.regressors._filtered().run(self.moved.motion).columns  # noqa: SLF001 - of one module
 
 
 @dataclass(frozen=True)

@@ -50,11 +50,11 @@ from cylforce.diagnosing.model import (
     lasting,
 )
 from cylforce.diagnosing.regressors import LOAD_CENTRE, ReturnLevel, return_evidence, return_levels
-from cylforce.diagnosing.statistics import Blocks, Gram, Mask, SharedNoise, rms
-from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse
+from cylforce.diagnosing.statistics import Blocks, Gram, Mask, SharedNoise
+from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped, shapes
 from cylforce.effects.imposed import Imposed
 from cylforce.effects.incidents.payload_spill import PayloadSpill
-from cylforce.effects.library import Proposal
+from cylforce.effects.library import Group, Proposal
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.signals.estimate import Array
@@ -68,6 +68,10 @@ STEP_COLUMNS = ("load.mass", "load.X", "load.Z")
 WIDTH, DEEPEST, REFINED = 2, 8, 8  # of the beam: hypotheses kept, effects at most, forms tried beside each
 AGAIN = 6  # hypotheses whose columns are computed again at their magnitudes
 CORRECTIONS = 3  # rounds of columns at the magnitudes found
+COARSE = (0.1, 0.5, 0.9)  # positions of a shape parameter in its range that are tried first
+STEP_OF_SHAPE, FINER = 0.2, 2  # of its range; rounds, each at half the distance
+NEAR_SHAPE = 0.03  # of its range: nearer positions are the same
+SHAPED = 3  # candidates whose shape is refined
 STILL = 0.03  # of a magnitude: a smaller change of it does not bend its columns
 KEPT_ROWS = 0.5  # of the rows, that must stay usable when a recording is corrected
 SETTLING = 4  # rounds in which the blocks of an incident are found
@@ -96,6 +100,23 @@ class Applied:
 
 
 @dataclass(frozen=True)
+class Refined:
+    """An effect whose shape parameters were refined.
+
+    proposal: the effect with the refined shape
+    columns:  (T, R, M) its columns along each recording
+    """
+
+    proposal: Proposal
+    columns: tuple[Array, ...]
+
+    @property
+    def unit(self) -> Array:
+        """Typical sizes (M,) of its columns."""
+        return np.array(self.proposal.usual)
+
+
+@dataclass(frozen=True)
 class Question:
     """Recordings under diagnosis beside a healthy machine.
 
@@ -107,6 +128,7 @@ class Question:
     applied: what the recordings are corrected for, by form
     jumps:   evidence [nats] of the number of jumps of a reading, by its signal
     free:    whether the model's parameters are free, as those of somebody else's machine
+    refined: an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
     machine: HealthyMachine
@@ -117,6 +139,7 @@ class Question:
     applied: Mapping[int, Array] = field(default_factory=dict)
     jumps: Mapping[int, float] = field(default_factory=dict)
     free: bool = False
+    refined: Refined | None = None
 
     @cached_property
     def loaded(self) -> list[str]:
@@ -183,12 +206,19 @@ class Question:
                 first = self.size - len(STEP_COLUMNS)
                 form = replace(form, columns=tuple(first + STEP_COLUMNS.index(name) for name in p.incidents))
             found.append(form)
+        if self.refined:
+            p, count = self.refined.proposal, len(self.refined.unit)
+            own_columns = tuple(range(self.size, self.size + count))
+            high = max(self.machine.layout.largest(p, self.dry_friction), p.about.low)
+            about = p.about
+            found.append(Form(p.name, p.at, own_columns, about.low, high, about.sign, about.axes, p.bends, about.form))
         return tuple(found)
 
     @cached_property
     def proposals(self) -> list[Proposal]:
         """The proposals of the forms."""
-        return lasting(self.machine.layout)
+        more = [self.refined.proposal] if self.refined else []
+        return [*lasting(self.machine.layout), *more]
 
     @cached_property
     def dry_friction(self) -> Array | None:
@@ -203,6 +233,12 @@ class Question:
             for c, f in zip(model.machine.cylinders, load.tolist(), strict=True)
         ]
         return np.maximum(np.array(each), 0.0)
+
+    def unit_of(self, form: int) -> Array:
+        """Return the typical sizes (M,) of the columns of a form."""
+        if self.refined is not None and form == len(self.forms) - 1:
+            return self.refined.unit
+        return np.asarray(self.unit[list(self.forms[form].columns)])
 
     def gram(self, kept: Mask | None = None) -> Gram:
         """Return the Gram of the recordings; kept: blocks (B,) that count, None: all."""
@@ -334,15 +370,18 @@ class Question:
         """
         machine, layout = self.machine, self.machine.layout
         effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
-        own = [a.proposal for _, a in applied if not a.proposal.clock]
+        refined = self.refined.proposal if self.refined else None
+        own = [a.proposal for _, a in applied if not a.proposal.clock and a.proposal is not refined]
         places = [k - layout.first for p in own for k in layout.places[layout.proposals.index(p)]]
-        seen, before, after = [], list[SharedNoise](), list[SharedNoise]()
+        own += [a.proposal for _, a in applied if a.proposal is refined]
+        seen, again, before, after = [], list[Array](), list[SharedNoise](), list[SharedNoise]()
         for each in self.seen:
             lost = np.isnan(each.rows.residual)
             other, recording = machine.regressors.corrected(each.recording, effects)
             rows = other.rows(recording, own, lost)
-            columns = each.rows.effects.copy()
-            columns[..., places] = rows.effects
+            columns, count = each.rows.effects.copy(), len(places)
+            columns[..., places] = rows.effects[..., :count]
+            again.append(rows.effects[..., count:].astype(np.float64))
             rows = replace(rows, effects=columns)
             twins = []
             for samples in (each.recording.values[: len(each.twin)], each.twin):
@@ -357,13 +396,15 @@ class Question:
             seen.append(replace(found, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
             before.append(each.shared(()))
             after.append(found.shared(()))
-        unit = {p: self.unit[list(self.forms[p].columns)] for p, _ in applied}
+        unit = {p: self.unit_of(p) for p, _ in applied}
         found = replace(
             self,
             seen=tuple(seen),
             applied={p: a.sizes / unit[p] for p, a in applied},
             noise=_energy_of(before) - _energy_of(after),
         )
+        if self.refined is not None and again[0].shape[-1]:
+            found = replace(found, refined=Refined(self.refined.proposal, tuple(again)))
         found.__dict__.update(
             {name: getattr(self, name) for name in ("_return_levels", "_supports")}
         )  # of the readings
@@ -720,7 +761,7 @@ def _spill(
 # The whole search
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """A hypothesis as it was examined.
 
@@ -737,6 +778,16 @@ class Candidate:
     def log(self) -> float:
         """Log probability with the recordings, without the prior of its effects."""
         return self.hypothesis.log
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """Name and place of its effects; all free torques are one."""
+        return frozenset(self.key(p) for p in self.hypothesis.forms)
+
+    def key(self, form: int) -> Key:
+        """Return name and place of a form."""
+        key = self.question.forms[form].key
+        return UNKNOWN if key[0] == UNKNOWN_TORQUE else key
 
     @property
     def rest(self) -> float:
@@ -767,11 +818,6 @@ class Found:
     def healthy(self) -> Candidate:
         """The healthy machine."""
         return max((c for c in self.candidates if not c.hypothesis.forms and c.incident is None), key=lambda c: c.log)
-
-    def key(self, form: int) -> Key:
-        """Return name and place of a form; all free torques are one."""
-        key = self.question.forms[form].key
-        return UNKNOWN if key[0] == UNKNOWN_TORQUE else key
 
 
 def without_gap(residual: Array, floor: Array | float = 1.0) -> Mask:
@@ -875,43 +921,78 @@ def _showing(question: Question, case: Likelihood, allowed: list[int], still: Ma
 
 
 def _at_magnitudes(question: Question, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
-    """Return the candidates, the most probable ones with their columns at their magnitudes, and one effect more beside
-    the first of them."""
+    """Return the candidates; the most probable ones also with their shape parameters refined, with their columns at their
+    magnitudes, and with one effect more beside the first of them."""
 
     def order(c: Candidate) -> float:
         return -c.log
 
-    plain = [c for c in candidates if c.incident is None]
-    single = sorted((c for c in plain if len(c.hypothesis.forms) == 1), key=order)
-    chosen = {c.hypothesis.forms: c for c in (*sorted(plain, key=order)[:AGAIN], *single[:AGAIN]) if c.hypothesis.forms}
-    found = {(c.hypothesis.forms, c.incident is not None): c for c in candidates}
-    for forms, c in chosen.items():
-        if any(question.proposals[p].bends for p in forms):
-            found[forms, False] = corrected(question, c)
-    best = max(found.values(), key=lambda c: c.log)
+    plain = sorted((c for c in candidates if c.incident is None), key=order)
+    single = [c for c in plain if len(c.hypothesis.forms) == 1]
+    sharper = {c: refined(c) for c in single[:SHAPED]}
+    better = [other for c, other in sharper.items() if other.log > c.log]
+    chosen = list(dict.fromkeys([*better, *plain[:AGAIN], *single[:AGAIN]]))
+    found = [*candidates, *better]
+    for c in chosen:
+        if c.hypothesis.forms and any(c.question.proposals[p].bends for p in c.hypothesis.forms):
+            if c in found:
+                found.remove(c)  # its linear evidence is wrong at its magnitude
+            found.append(corrected(c))
+    best = max(found, key=lambda c: c.log)
     if best.question is not question and len(best.hypothesis.forms) == 1:
         case = best.question.likelihood()
+        known = {c.hypothesis.forms for c in found if c.question is best.question}
         for p in screened(case, best.hypothesis, allowed)[:AGAIN]:
             more = case.with_one_more(best.hypothesis, p)
-            old = found.get((more.forms, False))
-            if old is None or more.log > old.log:
-                found[more.forms, False] = Candidate(more, best.question)
-    return list(found.values())
+            if more.forms not in known:
+                found.append(Candidate(more, best.question))
+    return found
 
 
-def corrected(question: Question, candidate: Candidate) -> Candidate:
+def refined(candidate: Candidate) -> Candidate:
+    """Return a candidate of one effect with its shape parameters refined: time constants, widths, powers, pivots.
+
+    Each parameter is searched from a coarse grid on, at half the distance in every round; the others stay.
+    """
+    question, (form,) = candidate.question, candidate.hypothesis.forms
+    proposal, best = question.proposals[form], candidate
+    if proposal.course or not shapes(proposal.group):
+        return candidate
+    sources = [question.machine.regressors.column_source(s.recording, s.rows) for s in question.seen]
+    group = proposal.group
+    for shape in shapes(group):
+        tries = {shape.position(float(getattr(group[0], shape.field))): (best, group)}
+
+        def near(u: float, tries: dict[float, tuple[Candidate, Group]] = tries) -> bool:
+            return any(abs(v - u) < NEAR_SHAPE for v in tries)
+
+        for step in (None, *(STEP_OF_SHAPE * 0.5**k for k in range(FINER))):
+            first = max(tries, key=lambda v: tries[v][0].log)
+            for u in COARSE if step is None else (first - step, first + step):
+                if 0.0 <= u <= 1.0 and not near(u):
+                    own = shaped(group, {shape.field: shape.value(u)})
+                    other = proposal._replace(group=own)
+                    asked = replace(question, refined=Refined(other, tuple(s.columns(other) for s in sources)))
+                    h = asked.likelihood().hypothesis(
+                        (len(asked.forms) - 1,), candidate.hypothesis.noise, candidate.hypothesis.doubt
+                    )
+                    tries[u] = Candidate(h, asked), own
+        best, group = max(tries.values(), key=lambda t: t[0].log)
+    return best
+
+
+def corrected(candidate: Candidate) -> Candidate:
     """Return a candidate with its effects taken out of the readings at their magnitudes, until these stay.
 
     Errors of sensors and of geometry are not linear in their magnitude.
     """
-    rows, start, found = sum(float(s.blocks.usable.sum()) for s in question.seen), candidate.hypothesis, candidate
+    question, start, found = candidate.question, candidate.hypothesis, candidate
+    rows = sum(float(s.blocks.usable.sum()) for s in question.seen)
     for _ in range(CORRECTIONS):
         now = found.hypothesis
         applied = _applied(question, now)
-        if any(
-            float(np.linalg.norm(a.sizes[: question.forms[p].components])) > BEYOND * question.forms[p].high
-            for p, a in applied
-        ):
+        forms = question.forms
+        if any(np.linalg.norm(a.sizes[: forms[p].components]) > BEYOND * forms[p].high for p, a in applied):
             break
         other = question.corrected(applied)
         case = other.likelihood()
@@ -928,7 +1009,7 @@ def _applied(question: Question, h: Hypothesis) -> list[tuple[int, Applied]]:
     found, k = [], 0
     for p in h.forms:
         form = question.forms[p]
-        sizes = h.sizes[k : k + len(form.columns)] * question.unit[list(form.columns)]
+        sizes = h.sizes[k : k + len(form.columns)] * question.unit_of(p)
         k += len(form.columns)
         if question.proposals[p].bends:
             found.append((p, Applied(question.proposals[p], sizes)))

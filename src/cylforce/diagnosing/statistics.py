@@ -286,6 +286,39 @@ class Gram:
             old[..., changed, :], old[..., :, changed] = new, np.swapaxes(new, -1, -2)
         return replace(self, whole=found[0], smooth=found[1])
 
+    def extended(
+        self, blocks: Sequence[Blocks], columns: Sequence[int], own: Sequence[Blocks], unit: Array, more: Array
+    ) -> "Gram":
+        """Return the Gram with columns appended before the residual.
+
+        blocks:  the recordings of this Gram, with `columns` in units (K,)
+        own:     their whitened columns (B, BLOCK_ROWS, R, M) to be appended, in units `more` (M,)
+        """
+        scale, size, count = np.append(unit, 1.0), len(unit), len(more)
+        joints = self.whole.shape[0]
+        whole = np.zeros((joints, size + count + 1, size + count + 1))
+        smooth = np.zeros((joints, self.smooth.shape[1], size + count + 1, size + count + 1))
+        old, new = [*range(size), size + count], slice(size, size + count)
+        for found, before in ((whole, self.whole), (smooth, self.smooth)):
+            found[..., np.array(old)[:, None], np.array(old)] = before
+        for each, added in zip(blocks, own, strict=True):
+            others, mine = each.rows[..., [*columns, -1]], added.rows * each.usable[..., None]
+            product = np.einsum("btri,btrk->rik", mine, others, optimize=True) * more[:, None] * scale
+            within = np.einsum("btri,btrj->rij", mine, mine, optimize=True) * np.outer(more, more)
+            along = np.einsum("btrs,btri->brsi", each.basis, mine, optimize=True) * more
+            theirs = each.smooth[..., [*columns, -1]] * scale
+            product_smooth = np.einsum("brsi,brsk->rsik", along, theirs, optimize=True)
+            for found, part, square in (
+                (whole, product, within),
+                (smooth, product_smooth, np.einsum("brsi,brsj->rsij", along, along, optimize=True)),
+            ):
+                found[..., new, old] += part
+                found[..., old, new] += np.swapaxes(part, -1, -2)
+                found[..., new, new] += square
+        shared = np.zeros((*self.shared.shape[:-1], size + count + 1))
+        shared[..., old] = self.shared
+        return replace(self, whole=whole, smooth=smooth, shared=shared)
+
     def energies(self, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
         """Return the expected energies, white (R,) and along each polynomial (R, POLYNOMIALS), of a residual.
 

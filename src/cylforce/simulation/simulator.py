@@ -140,9 +140,8 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     value = base_values(truth.links, carried)
     value[..., :3] += added_parameters(machine, truth.effects, clock)
     tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)
-    tau += excess_torque(machine, truth.effects, moving, clock)
     tau += carrying_torque(machine, truth.effects, value, course, attitude, swung)
-    moving, friction = balance(truth, moving, tau, clock)
+    moving, friction = balance(machine, truth, moving, tau, clock)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
     place = _plane(turn * tip.place)
     seen = specific_force(machine, truth.effects, attitude, swung)
@@ -249,25 +248,28 @@ def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -
     return Motion(a, q, qd, np.asarray(g), np.asarray(attitude.slew), none, none, none, none, none)
 
 
-def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
-    """The motion with cylinder forces F, and the friction (T, C) [N] in them, from lever^T F = tau + torque of the
-    friction, at times t (T,) [s] of the run. Friction may depend on the force, so that both are found by iteration."""
+def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
+    """The motion with cylinder forces F, and the friction (T, C) [N] in them, from lever^T F = tau + torques of the
+    effects and of the friction, at times t (T,) [s] of the run. Both may depend on the force, so that they are found by
+    iteration."""
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
     bare = (inverse @ tau[..., None])[..., 0]
     levels = [friction_level(truth.effects, moving.speed.shape[1], t, c.name) for c in truth.friction]
     friction = np.zeros_like(bare)
     for _ in range(TURNS):
         loaded = moving._replace(force=bare + friction)
+        excess = tau + excess_torque(machine, truth.effects, loaded, t)
+        bare = (inverse @ excess[..., None])[..., 0]
         each = zip(levels, truth.friction, strict=True)
         known = [level * c.value * c.law.force(loaded.speed, loaded.force, t) for level, c in each]
-        found = sum(known, excess_force(truth.effects, loaded, t))
-        change, friction = np.max(np.abs(found - friction), initial=0.0), found
-        if change < 1e-9:
+        friction = sum(known, excess_force(truth.effects, loaded, t))
+        if np.max(np.abs(bare + friction - loaded.force), initial=0.0) < SETTLED:
             break
     return moving._replace(force=bare + friction), friction
 
 
-TURNS = 30  # iterations at most; they end earlier when the friction changes by less than 1e-9 N
+TURNS = 30  # iterations at most
+SETTLED = 1e-9  # N: change of all forces at which they end; chosen
 
 
 def pressures(machine: Machine, back: Array, force: Array, speed: Array) -> tuple[Array, Array]:

@@ -48,13 +48,17 @@ WORDS: dict[str, Words] = {
     "presliding_hysteresis": Words("friction just after turning back in {}", cylinder=True),
     "friction_temperature_drift": Words("friction that changes as the oil warms in {}", cylinder=True),
     "return_line_loss": Words("pressure lost in the hydraulic line of {}", MORE, LESS, cylinder=True),
+    "pin_friction": Words("friction of the pin of the {} joint"),
+    "counterbalance_pressure": Words("braking by the load-holding valve in {}", MORE, LESS, cylinder=True),
     "end_cushion": Words("braking at the end of the stroke of {}", cylinder=True),
     "pressure_offset": Words("a wrong zero of {}", HIGH, LOW),
     "pressure_gain": Words("a wrong scale of {}", HIGH, LOW),
     "pressure_drift": Words("a drifting zero of {}", "up", "down"),
+    "pressure_zero_settling": Words("a zero of {} that settles after the start", HIGH, LOW),
     "pressure_sensor_hysteresis": Words("readings that lag behind a changing pressure at {}"),
     "angle_offset": Words("a wrong zero of {}", HIGH, LOW),
     "angle_scale": Words("a wrong scale of {}", HIGH, LOW),
+    "encoder_eccentricity": Words("an encoder off its axis at {}"),
     "sensor_delay": Words("late readings of {}"),
     "intermittent_glitch": Words("readings that jump for moments at {}"),
     "tilt_ignored": Words("a tilt of {} that is not measured rightly"),
@@ -64,10 +68,12 @@ WORDS: dict[str, Words] = {
     "mud": Words("mass that builds up on the {}, such as mud"),
     "hose_spring": Words("hoses that pull like a spring at the {} joint"),
     "compliance": Words("a bending {} under load"),
+    "ringing_compliance": Words("a springy {} that swings after starts and stops"),
     "backlash": Words("play in the {} joint"),
     "soil_contact": Words("contact of the {} with the ground or an obstacle"),
     "slew_centrifugal": Words("turning of the house that no sensor measures"),
     "boom_motion": Words("movement of what carries the first link"),
+    "soft_ground": Words("soft ground under {}, which rocks with its arm"),
     "payload_spill": Words("load falling out of the {}", less="less"),
     "payload_shift": Words("load moving in the {}"),
     "clock_fault": Words("pressures and angles that were recorded on different clocks"),
@@ -89,6 +95,7 @@ TOLD: dict[str, tuple[str, float]] = {
     "N m/rad": ("N m a degree", float(np.radians(1.0))),
     "rad/(N m)": (f"degrees at {WORKING_TORQUE / 1e3:.0f} kN m", WORKING_TORQUE * float(np.degrees(1.0))),
 }
+STATED_AT = {"return_line_loss": "at 0.3 m/s", "end_cushion": "at 0.1 m/s", "mud": "after ten minutes"}  # their sizes
 SILENT = ("soil_contact", "slew_centrifugal", "boom_motion")  # their size is that of many moments, or of a lever
 
 
@@ -152,8 +159,9 @@ def _told(machine: Machine, effect: dict[str, Any], unit: str) -> tuple[str, flo
     if unit == "rad (m)":
         signal = _signal(machine, effect["at"])
         unit = "m" if signal is not None and signal.kind is Kind.CYLINDER_LENGTH else "rad"
-    if unit == "N (s/m)^power":
-        return f"N at {WORKING_SPEED:g} m/s", WORKING_SPEED ** float(effect["shape"]["power"])
+    if effect["name"] in STATED_AT:
+        unit, factor = TOLD[unit]
+        return f"{unit} {STATED_AT[effect['name']]}", factor
     return TOLD.get(unit, (unit, 1.0))
 
 
