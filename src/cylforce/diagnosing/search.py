@@ -277,10 +277,32 @@ class Question:
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
         """Return the likelihood of the recordings, or of some of their blocks (B,)."""
-        gram = self.gram(kept)
-        return Likelihood(
-            gram, self.unit, self.forms, self.knowledge, corrected=self.applied, support=self.evidence_for
-        )
+        gram, unit, knowledge = self.gram(kept), self.unit, self.knowledge
+        if self.refined is not None:
+            blocks, first = [], 0
+            for each in self.blocks:
+                count = len(each.rows)
+                blocks.append(each if kept is None else each.masked(kept[first : first + count]))
+                first += count
+            gram = gram.extended(blocks, range(self.size), self._refined_blocks(kept), unit, self.refined.unit)
+            unit, zero = np.append(unit, self.refined.unit), np.zeros(len(self.refined.unit))
+            covariance = np.zeros((len(unit), len(unit)))
+            covariance[: self.size, : self.size] = knowledge.covariance
+            mean, variation = np.append(knowledge.mean, zero), np.append(knowledge.variation, zero)
+            knowledge = Machine(mean, covariance, variation, knowledge.noise)
+        return Likelihood(gram, unit, self.forms, knowledge, corrected=self.applied, support=self.evidence_for)
+
+    def _refined_blocks(self, kept: Mask | None) -> list[Blocks]:
+        """Return the whitened columns of the refined effect in the blocks that count."""
+        found, first, floor = [], 0, self.machine.floor
+        for n, columns in enumerate(self.refined.columns if self.refined else ()):
+            blocks = Blocks.whitened(columns, floor)
+            layed = None if self.laid is None else self.laid[n]
+            blocks = blocks if layed is None else blocks.laid(layed)
+            count = len(blocks.rows)
+            found.append(blocks if kept is None else blocks.masked(kept[first : first + count]))
+            first += count
+        return found
 
     def evidence_for(self, form: int, sizes: Array) -> float:
         """Return the evidence [nats] for a form of sizes (M,) [SI] from return pressures and from counts of jumps."""
@@ -873,6 +895,8 @@ def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[I
 
     Every recording is judged by itself: a check-up counts in full beside a day of work.
     """
+    if without_gap(np.array([min(c.rest for c in candidates)]))[0]:
+        return None  # neither contact nor an unknown load is left to be explained
     files = list(dict.fromkeys(s.recording.name for s in question.seen))
     chosen = set[str]()
     for name in files:
