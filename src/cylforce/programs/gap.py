@@ -108,7 +108,7 @@ class _Run:
 
     def concluded(self, field: Chosen, healthy: Chosen) -> Diagnosed:
         """Return the answer for stretches of the field and of the healthy machine."""
-        model, loaded, question = self._model, self.loaded, self.question
+        model, question = self._model, self.question
         if reason := _unreadable(model, field, healthy.stretches):
             return _nothing(reason)
         self.watch("clocks", None)
@@ -123,18 +123,25 @@ class _Run:
         moving = _moving_seconds(model, field.stretches)
         if moving < MOVING_S:
             return _nothing(f"only {moving:.0f} s of usable motion: move every joint both ways, slowly and fast")
-        groups = Groups(field.stretches, alike.kept)
-        known = known_machine(loaded, question, groups, self.library, self.watch, self.cache)
         warnings = [_left_out(odd, others=bool(alike.kept)), *alike.warnings]
+        return self._compared(Groups(field.stretches, alike.kept), warnings, late)
+
+    def _compared(self, groups: Groups, warnings: Sequence[str], late: Sequence[ClockFault]) -> Diagnosed:
+        """Return the answer for recordings that are sound.
+
+        warnings: sentences so far
+        late:     clock faults of the field
+        """
+        loaded = self.loaded
+        known = known_machine(loaded, self.question, groups, self.library, self.watch, self.cache)
         if known is None:
-            return self._sheet(field.stretches, warnings, late)
+            return self._sheet(groups.field, warnings, late)
         rng, rate_hz = np.random.default_rng(SEED), loaded.service.filters.rate_hz
-        jumps = jumping_sensors(loaded.service.machine, field.stretches, alike.kept, rate_hz)
+        jumps = jumping_sensors(loaded.service.machine, groups.field, groups.healthy, rate_hz)
         jumps = tuple(each for each in jumps if self._wanted(each.proposal))
-        machine = with_proposals(known.machine, [each.proposal for each in jumps])
         found = diagnosed(
-            machine,
-            field.stretches,
+            with_proposals(known.machine, [each.proposal for each in jumps]),
+            groups.field,
             rng,
             self._wanted,
             lambda doing: self.watch(doing, None),
@@ -144,14 +151,12 @@ class _Run:
         if late and not _named_first(found, CLOCKS):
             return Diagnosed(off_clock(late))
         self.watch("what to record next", None)
-        whole = answer(found)
+        whole = answer(found) | _readings(loaded, groups)
         whole["next_experiment"] = [*before_anything(whole), *said(planned(found)), *whole["next_experiment"]]
-        whole |= _readings(loaded, groups)
         beside = happening_beside(loaded.service.machine, *_beside(found))
         clocks = apart(late) if late else ""
-        warnings += [*known.warnings, *found.refuted, beside, clocks, *_reading_warnings(loaded, groups)]
-        whole["warnings"] = [text for text in warnings if text]
-        return Diagnosed(whole, found)
+        texts = (*warnings, *known.warnings, *found.refuted, beside, clocks, *_reading_warnings(loaded, groups))
+        return Diagnosed(whole | {"warnings": [text for text in texts if text]}, found)
 
     def _sheet(self, field: Sequence[Recording], warnings: Sequence[str], late: Sequence[ClockFault]) -> Diagnosed:
         """Return the answer where only a data sheet is known: identify the machine first."""
