@@ -21,10 +21,10 @@ GAP = 5.0  # noise floors
 BLOCKS = 100
 
 
-def candidate(log, *forms, rest=None, noise=NOISE):
-    """Return a hypothesis of some forms; the healthy machine has the gap as residual."""
+def candidate(log, *forms, rest=None, noise=NOISE, known=FORMS):
+    """Return a hypothesis of some of the known forms; the healthy machine has the gap as residual."""
     size, rest = np.ones(len(forms)), (1.0 if forms else GAP) if rest is None else rest
-    return Candidate(Hypothesis(forms, log, noise, size, 0.1 * size, rest), None)
+    return Candidate(Hypothesis(forms, log, noise, size, 0.1 * size, rest), SimpleNamespace(forms=known))
 
 
 def incident(key, log, share=0.1, rest=1.0, before=GAP):
@@ -59,7 +59,7 @@ def test_without_evidence_the_prior_is_all_there_is():
 
 def test_an_effect_with_many_places_and_forms_is_no_more_probable_by_that():
     more = (*FORMS, *(Form("pressure_gain", f"{k}", (3 + k,), 1.0, 10.0) for k in range(9)))
-    every = [candidate(0.0, k) for k in range(len(more))]
+    every = [candidate(0.0, k, known=more) for k in range(len(more))]
     found = evidence(*every, healthy=candidate(0.0, rest=1.0), gap=1.0, forms=more).posterior
     gains = sum(p for key, p in found.items() if key[0] == "pressure_gain")
     assert gains == pytest.approx(found[MASS], rel=0.01)
@@ -191,7 +191,7 @@ def test_a_mass_beside_a_first_moment_in_the_most_probable_hypothesis_is_no_sing
 
 def test_a_mass_and_a_first_moment_of_different_links_are_two_answers():
     forms = (FORMS[0], replace(FORMS[1], at="stick"), FORMS[2])
-    assert one_answer(evidence(candidate(100.0, 0), candidate(99.0, 1), forms=forms))[1] == {}
+    assert one_answer(evidence(candidate(100.0, 0, known=forms), candidate(99.0, 1, known=forms), forms=forms))[1] == {}
 
 
 # Costs
@@ -234,6 +234,6 @@ def test_a_set_of_many_is_no_better_than_unknown():
 
 def test_all_free_torques_are_one_unknown_cause():
     forms = (*FORMS, Form(UNKNOWN_TORQUE, "boom", (3,), 1.0, 10.0), Form(UNKNOWN_TORQUE, "stick", (4,), 1.0, 10.0))
-    found = evidence(candidate(100.0, 3), candidate(100.0, 4), candidate(80.0, 2), forms=forms)
+    found = evidence(*(candidate(log, k, known=forms) for log, k in ((100.0, 3), (100.0, 4), (80.0, 2))), forms=forms)
     assert found.first == UNKNOWN
     assert set(found.posterior) == {NO_GAP, UNKNOWN, OTHER}

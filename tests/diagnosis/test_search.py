@@ -35,9 +35,10 @@ OFFSET = effect("angle_offset", "stick_angle", 0.02)
 def likeliest(rows):
     """Return the likeliest answer for synthetic rows."""
     case = synthetic.likelihood(rows)
-    found = [Candidate(h, None) for h in searched(case, range(2))]
+    question = SimpleNamespace(forms=synthetic.FORMS)
+    found = [Candidate(h, question) for h in searched(case, range(2))]
     gap = case.rests(np.append(-case.machine.mean, 1.0))
-    return Evidence(Found(SimpleNamespace(forms=synthetic.FORMS), case, tuple(found), (), gap)).first
+    return Evidence(Found(question, case, tuple(found), (), gap)).first
 
 
 @pytest.mark.parametrize(
@@ -83,7 +84,7 @@ def test_an_effect_that_acts_at_a_joint_without_a_gap_alone_is_no_candidate():
     """However much evidence for it adds up over the recordings. What acts at several joints is one."""
     found = diagnosed((FIELD, (FRICTION,))).evidence.found
     assert without_gap(found.gaps).tolist() == [False, True]
-    keys = {found.key(p) for c in found.candidates for p in c.hypothesis.forms}
+    keys = {key for c in found.candidates for key in c.keys}
     assert ("coulomb_friction", "stick") in keys
     assert keys.isdisjoint({("coulomb_friction", "bucket"), ("end_cushion", "bucket"), ("linkage_geometry", "bucket")})
 
