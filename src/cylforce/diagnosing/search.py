@@ -67,7 +67,7 @@ GLITCH = "intermittent_glitch"
 STEP_COLUMNS = ("load.mass", "load.X", "load.Z")
 WIDTH, DEEPEST, REFINED = 2, 8, 8  # of the beam: hypotheses kept, effects at most, forms tried beside each
 AGAIN = 6  # hypotheses whose columns are computed again at their magnitudes
-CORRECTIONS = 3  # rounds of columns at the magnitudes found
+CORRECTIONS = 6  # rounds of columns at the magnitudes found, at most: noise in a column delays their end
 COARSE = (0.1, 0.5, 0.9)  # positions of a shape parameter in its range that are tried first
 STEP_OF_SHAPE, FINER = 0.2, 2  # of its range; rounds, each at half the distance
 NEAR_SHAPE = 0.03  # of its range: nearer positions are the same
@@ -387,8 +387,8 @@ class Question:
     def corrected(self, applied: Sequence[tuple[int, Applied]]) -> "Question":
         """Return the question with effects, by number of their form, taken out of the readings at their sizes.
 
-        The columns of all other effects stay as they are. The sensors' noise in the residual is what a recording with
-        noise once more has, corrected likewise: a correction may neither remove noise nor make it look like an effect.
+        The columns of all other effects stay as they are. The sensors' noise in residual and columns is what a recording
+        with noise once more has, corrected likewise: a correction may neither remove noise nor make it look like an effect.
         """
         machine, layout = self.machine, self.machine.layout
         effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
@@ -405,16 +405,8 @@ class Question:
             columns[..., places] = rows.effects[..., :count]
             again.append(rows.effects[..., count:].astype(np.float64))
             rows = replace(rows, effects=columns)
-            twins = []
-            for samples in (each.recording.values[: len(each.twin)], each.twin):
-                other, twin = machine.regressors.corrected(replace(each.recording, values=samples), effects)
-                twins.append(other.residual(twin, lost))
-            noise = Blocks.whitened((twins[1] - twins[0])[..., None], machine.floor)
-            both = each.added.usable & noise.usable[: len(each.added.usable)]
-            added = np.concatenate([each.added.rows[..., :-1], noise.rows[: len(both)]], axis=-1) * both[..., None]
-            found = replace(
-                each, recording=recording, rows=rows, added=Blocks(np.asarray(added, dtype=np.float32), both)
-            )
+            added = self._corrected_noise(each, replace(each, recording=recording, rows=rows), effects, own, places)
+            found = replace(each, recording=recording, rows=rows, added=added)
             seen.append(replace(found, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
             before.append(each.shared(()))
             after.append(found.shared(()))
@@ -431,6 +423,30 @@ class Question:
             {name: getattr(self, name) for name in ("_return_levels", "_supports")}
         )  # of the readings
         return found
+
+    def _corrected_noise(
+        self, before: Seen, after: Seen, effects: Sequence[Imposed], own: Sequence[Proposal], places: Sequence[int]
+    ) -> Blocks:
+        """Return what the sensors' noise once more adds to a corrected recording.
+
+        The columns that stay have the noise of the recording as it was; the residual and the renewed columns that of the
+        corrected one, whose readings may be shifted in time.
+        own:    effects whose columns are renewed
+        places: numbers of these columns among those of the effects
+        """
+        machine, layout = self.machine, self.machine.layout
+        other, twin = machine.regressors.corrected(replace(before.recording, values=before.twin), effects)
+        noisy = other.rows(twin, own, np.isnan(before.rows.residual))
+        columns = after.rows.effects[: len(noisy.t)].copy()
+        columns[..., places] = noisy.effects[..., : len(places)]
+        noisy = replace(noisy, effects=columns)
+        change = layout.columns(noisy, twin) - layout.columns(after.rows.first(len(noisy.t)), after.recording)
+        noise = Blocks.whitened(change, machine.floor)
+        both = before.added.usable & noise.usable[: len(before.added.usable)]
+        rows = noise.rows[: len(both)].copy()
+        stay = [layout.first + k for k in range(columns.shape[-1]) if k not in places]
+        rows[..., stay] = before.added.rows[..., stay]
+        return Blocks(rows * both[..., None], both)
 
 
 def _energy_of(parts: Sequence[SharedNoise]) -> Array:
