@@ -99,7 +99,7 @@ class Evidence:
         """Return the log prior probability of a hypothesis."""
         if not c.hypothesis.forms:
             return float(np.log(HEALTHY))
-        more = len(c.hypothesis.forms) - 1 + (c.incident is not None)
+        more = len(c.hypothesis.forms) - 1 + (c.beside_contact and self.found.work is None)
         own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
         return own + more * float(np.log(SECOND_EFFECT))
 

@@ -818,6 +818,25 @@ class Candidate:
         return self.hypothesis.log
 
     @property
+    def beside_contact(self) -> bool:
+        """Whether something happens in some blocks beside its effects."""
+        return self.incident is not None or self.question.laid is not None
+
+    def counted(self) -> list[Mask]:
+        """Return which rows (T,) of each recording count: those without what happens beside its effects."""
+        found, question = [], self.question
+        for n, (seen, span) in enumerate(zip(question.seen, question.spans, strict=True)):
+            count = len(seen.rows.t)
+            rows = np.ones(count, dtype=np.bool_)
+            if self.incident is not None:
+                rows = np.repeat(self.incident.sizes[slice(*span)] == 0.0, BLOCK_ROWS)[:count]
+            elif question.laid is not None and question.laid[n] is not None:
+                own = np.asarray(question.laid[n])
+                rows = np.isin(np.arange(count), own[own >= 0])
+            found.append(rows)
+        return found
+
+    @property
     def keys(self) -> frozenset[Key]:
         """Name and place of its effects; all free torques are one."""
         return frozenset(self.key(p) for p in self.hypothesis.forms)
@@ -898,12 +917,50 @@ def examined(
     if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
         held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
         candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms]
+    if not without_gap(np.array([min(c.rest for c in candidates)]))[0]:
+        single = [h for h in hypotheses if len(h.forms) == 1]
+        for base in sorted(single, key=lambda h: -h.log)[:1]:
+            candidates += _beside_contact(question, case, base, allowed)
     work = _work(question, candidates, alone)
     if work is not None:
         return _examined_at_work(question, work, wanted, gate)
     watch("effects at their magnitudes")
     candidates = _at_magnitudes(question, candidates, allowed)
     return Found(question, case, tuple(candidates), tuple(alone), gaps)
+
+
+def _beside_contact(
+    question: Question, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
+) -> list[Candidate]:
+    """Return hypotheses where the rows with contact do not count, as a hypothesis of one effect shows them.
+
+    Contact that begins within a block is no smooth force. None where there is no contact, or contact in most rows.
+    """
+    machine, size, unit = question.machine, question.size, np.append(question.unit, 1.0)
+    residual_of = case.under(base.forms, case.state(base.noise))[2] * unit
+    settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
+    laid, apart, kept, whole = list[Array | None](), 0.0, 0, 0
+    for seen, blocks in zip(question.seen, question.blocks, strict=True):
+        rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
+        usable = blocks.usable.reshape(-1, blocks.usable.shape[2])
+        lasting_rows = np.concatenate([rows[..., :size], rows[..., -1:]], axis=-1).astype(np.float64)
+        residual, loads = lasting_rows @ residual_of, rows[..., size : size + 4].astype(np.float64)
+        found = free_stretches(residual, loads, usable, np.zeros(len(rows)), typical, settle, payloads=False)
+        own = []
+        for stretch in found:
+            inside = np.arange(stretch.first, stretch.last)
+            for part in np.array_split(inside, -(-len(inside) // BLOCK_ROWS)):
+                own.append(np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]))
+            kept += stretch.last - stretch.first + 2 * settle
+        whole += len(seen.rows.t)
+        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]).astype(np.int_))
+        apart += log_of_other_rows(residual, usable, found)
+    share = 1.0 - kept / max(whole, 1)
+    if not 0.0 < share <= FEW_BLOCKS:
+        return []
+    other = replace(question, laid=tuple(laid))
+    held = replace(other.likelihood(), apart=apart)
+    return [Candidate(h, other) for h in searched(held, allowed) if h.forms]
 
 
 def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[Incident]) -> Work | None:
