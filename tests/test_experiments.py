@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.search import NO_GAP
+from cylforce.diagnosis.search import NO_GAP
 from cylforce.mechanics.workspace import drive_angles, driven, working_range
 from cylforce.programs.experiments.catalogue import SECONDS, catalogue
 from cylforce.programs.experiments.separation import AGAIN, Candidate, Separation, Told, _worth, said

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cylforce.diagnosing.explain import WIDEST
-from cylforce.diagnosing.model import REGIMES
+from cylforce.diagnosis.explain import WIDEST
+from cylforce.diagnosis.model import REGIMES
 from cylforce.effects.imposed import imposed
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.files.tables import Table, read_table, write_table

@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosing import Diagnosis
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import LOAD_CENTRE
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Key, Question
-from cylforce.diagnosing.statistics import Blocks, Gram, SharedNoise
+from cylforce.diagnosis import Diagnosis
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import LOAD_CENTRE
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Key, Question
+from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise
 from cylforce.effects.library import Proposal
 from cylforce.programs.experiments.catalogue import SECONDS, Trial, catalogue
 from cylforce.signals.estimate import Array
