@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing import concluded, diagnose
-from cylforce.diagnosing.constants import HALF
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN
+from cylforce.diagnosis import concluded, diagnose
+from cylforce.diagnosis.constants import HALF
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from diagnosis.scenes import MACHINE, diagnosed, dug, effect, healthy_machine, names, recorded
 
 FIELD, CHECK_UP = 5, 6  # seeds of recordings that nothing was learnt from
@@ -107,9 +107,6 @@ def test_two_effects_are_both_named():
     assert found.simulated.share[0] > 0.9
 
 
-@pytest.mark.xfail(
-    strict=True, reason="contact that begins within a block is taken for work, and friction for its loads"
-)
 def test_a_transient_contact_does_not_hide_a_lasting_fault():
     """For six seconds of sixty the teeth are in the ground."""
     contact = effect("soil_contact", "bucket", [2e3, 3e3], begin=40.0, end=46.0)

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from cylforce.diagnosing.constants import (
+from cylforce.diagnosis.constants import (
     BLOCK_ROWS,
     CARRY_BACK,
     CORRELATED_ROWS,
@@ -17,7 +17,7 @@ from cylforce.diagnosing.constants import (
     POLYNOMIALS,
     SAME_MACHINE,
 )
-from cylforce.diagnosing.likelihood import (
+from cylforce.diagnosis.likelihood import (
     DECAY,
     LEVELS,
     Form,
@@ -32,7 +32,7 @@ from cylforce.diagnosing.likelihood import (
     likeliest_noise,
     log_prior_of_blocks,
 )
-from cylforce.diagnosing.statistics import Gram, SharedNoise
+from cylforce.diagnosis.statistics import Gram, SharedNoise
 from cylforce.effects.fault import BEYOND
 from diagnosis.synthetic import (
     BASIS,
