@@ -37,6 +37,7 @@ def files(tmp_path_factory):
         "foreign.log": "(1700000000.000000) can0 1FF#0102\n",
         "lacking.csv": "t_s,boom_head_pressure\n0,1e5\n0.01,2e5\n",
         "words.csv": "t_s,boom_head_pressure\n0,one\n",
+        "own.py": "class Squeak(:\n",
         "effects.toml": '[[effects]]\nname = "glue"\nat = "boom"\nvalue = 1.0\n',
         "effects2.toml": '[[effects]]\nname = "coulomb_friction"\nat = "boom"\nvalue = 1.0\n'
         '[[effects]]\nname = "leak"\nat = "boom"\nvalue = 1.0\nform_s = 1\n',
@@ -224,6 +225,8 @@ MENDABLE = [
     ("sim M --effects @/absent.toml", r"absent\.toml: cannot be read \(No such file or directory\)"),
     ("sim M --effects @/effects.toml", r"effects\.toml:1: effect 'glue' is not known: choose one of"),
     ("sim M --effects @/effects2.toml", r"effects2\.toml:9: effects\.leak\.form_s is not a key.*did you mean from_s"),
+    ("sim M --library @/own.py", r"own\.py:1: is no Python"),
+    ("sim M --library @/absent.py", r"absent\.py: cannot be read \(No such file or directory\)"),
     ("sim M --effects @/binary.toml", r"binary\.toml: is no text"),
     ("sim M --effects @/broken.toml", r"broken\.toml: is not TOML"),
     ("sim M --effects @/empty.toml", r"empty\.toml:1: the file lacks the key effects: add it"),

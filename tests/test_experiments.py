@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.inference.posterior import NOTHING
+from cylforce.diagnosis.search import NO_GAP
 from cylforce.mechanics.workspace import drive_angles, driven, working_range
 from cylforce.programs.experiments.catalogue import SECONDS, catalogue
 from cylforce.programs.experiments.separation import AGAIN, Candidate, Separation, Told, _worth, said
@@ -57,7 +57,7 @@ def separation(*candidates):
 
 ONE = Candidate(("friction", "stick"), 0.6, SimpleNamespace(), np.array([2.0]))
 OTHER = Candidate(("gain", "stick"), 0.3, SimpleNamespace(), np.array([3.0]))
-NONE = Candidate(NOTHING, 0.1, None, np.zeros(0))
+NONE = Candidate(NO_GAP, 0.1, None, np.zeros(0))
 
 
 def test_orthogonal_signatures_are_as_far_apart_as_they_are_large():

@@ -13,13 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.answer.verdict import Search
-from cylforce.diagnosis.columns.recorded import Columns, GapRows, Recorded
-from cylforce.diagnosis.columns.rows import CENTRE
-from cylforce.diagnosis.columns.statistics import Shared, statistics, white
-from cylforce.diagnosis.inference.discrepancy import sums
-from cylforce.diagnosis.inference.found import Found
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Key
+from cylforce.diagnosis import Diagnosis
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import LOAD_CENTRE
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Key, Question
+from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise
 from cylforce.effects.library import Proposal
 from cylforce.programs.experiments.catalogue import SECONDS, Trial, catalogue
 from cylforce.signals.estimate import Array
@@ -50,19 +48,20 @@ class Told(NamedTuple):
     times: float
 
 
-def candidates(found: Found, search: Search) -> tuple[Candidate, ...]:
-    """The most probable ones whose signature is known: none of those that come at moments, or are unknown."""
-    alone = {}
-    for h in sorted((h for h in found.asked.hypotheses if len(h.which) == 1), key=lambda h: h.log):
-        alone[found.asked.key(h.which[0])] = h
+def candidates(found: Diagnosis) -> tuple[Candidate, ...]:
+    """Return the most probable ones whose signature is known: none that happens in blocks, or that is unknown."""
+    evidence, alone = found.evidence, {}
+    for c in sorted((c for c in evidence.candidates if len(c.hypothesis.forms) == 1), key=lambda c: c.log):
+        alone[c.key(c.hypothesis.forms[0])] = c
     each = []
-    for key, probability in sorted(search.belief.of.items(), key=lambda item: -item[1]):
-        if key == NOTHING:
+    for key, probability in sorted(evidence.posterior.items(), key=lambda item: -item[1]):
+        if key == NO_GAP:
             each.append(Candidate(key, probability, None, np.zeros(0)))
-        elif key != UNKNOWN and key in alone and found.question.forms[alone[key].which[0]][0].course is None:
-            proposal, column = found.question.forms[alone[key].which[0]]
-            sizes = alone[key].sizes * found.question.scene.spread[list(column.columns)]
-            each.append(Candidate(key, probability, proposal, sizes))
+        elif key != UNKNOWN and key in alone:
+            question, (form,) = alone[key].question, alone[key].hypothesis.forms
+            if question.proposals[form].course is None:
+                sizes = alone[key].hypothesis.sizes * question.unit_of(form)
+                each.append(Candidate(key, probability, question.proposals[form], sizes))
     return tuple(c for c in each[:MOST_CANDIDATES] if c.probability > 0.0)
 
 
@@ -70,7 +69,7 @@ def candidates(found: Found, search: Search) -> tuple[Candidate, ...]:
 class Separation:
     """Distances between candidates on recordings of one machine."""
 
-    found: Found
+    question: Question
     rivals: tuple[Candidate, ...]
 
     @cached_property
@@ -80,40 +79,44 @@ class Separation:
     @cached_property
     def _prior(self) -> tuple[Array, Array]:
         """Of the machine's parameters: units (P,), and precision (P, P) in these."""
-        size = len(self.found.question.problem.model.parameters)
-        covariance = self.found.machine.covariance[:size, :size]
-        return self.found.question.problem.spread[:size], np.asarray(np.linalg.inv(covariance + 1e-12 * np.eye(size)))
+        machine = self.question.machine
+        size = len(machine.regressors.parameters)
+        covariance = machine.machine.covariance[:size, :size]
+        return machine.layout.unit[:size], np.asarray(np.linalg.inv(covariance + 1e-12 * np.eye(size)))
 
     @cached_property
     def _unit(self) -> Array:
         """Of the candidates' sizes (K,)."""
-        problem = self.found.question.problem
-        own = [k for p in self._wanted for k in problem.places[problem.proposals.index(p)]]
-        return np.asarray(problem.spread[own])
+        return np.array([size for p in self._wanted for size in p.usual])
+
+    @cached_property
+    def _columns(self) -> list[Array]:
+        """Columns (T, R, K) of the candidates in the present recordings."""
+        regressors = self.question.machine.regressors
+        each = self.question.seen
+        return [regressors.rows(s.recording, self._wanted, np.isnan(s.rows.residual)).effects for s in each]
 
     def recorded(self) -> Array:
         """Information (K, K) on the candidates' sizes in the present recordings."""
-        problem = self.found.question.problem
-        own = [k - problem.first for p in self._wanted for k in problem.places[problem.proposals.index(p)]]
-        each = [(seen.rows, seen.rows.effects[..., own], seen.recorded.load) for seen in problem.faulty]
-        return self._marginal(*(np.sum(part, axis=0) for part in zip(*(self._told(*e) for e in each), strict=True)))
+        pairs = zip(self.question.seen, self._columns, strict=True)
+        each = [self._told(s.rows.base, effects, s.rows.residual, s.recording.load_kg) for s, effects in pairs]
+        return self._marginal(*(np.sum(part, axis=0) for part in zip(*each, strict=True)))
 
     def of(self, motion: Trial) -> Array:
         """The same in a recording of a motion, as long as the present ones."""
-        viewer = self.found.question.viewer
-        recorded = Recorded(motion.words, self._values(motion), motion.load, motion.after)
-        rows = viewer.rows(recorded, self._wanted)
-        information, loads = self._told(rows, rows.effects, motion.load)
+        recording = Recording(motion.words, self._values(motion), motion.load, motion.after)
+        rows = self.question.machine.regressors.rows(recording, self._wanted)
+        information, loads = self._told(rows.base, rows.effects, rows.residual, motion.load)
         return self._marginal(information * self.seconds / SECONDS, loads)
 
     @cached_property
     def seconds(self) -> float:
         """Length of the present recordings."""
-        return sum(len(seen.rows.t) for seen in self.found.question.problem.faulty) / self.found.question.viewer.rows_hz
+        return sum(len(s.rows.t) for s in self.question.seen) / self.question.machine.regressors.rows_hz
 
     def _values(self, motion: Trial) -> Array:
         """Samples (T, S) of ideal sensors."""
-        model = self.found.question.viewer.model
+        model = self.question.machine.regressors.model
         t = np.arange(round(SECONDS * model.filters.rate_hz)) / model.filters.rate_hz
         truth = self._truth._replace(pitch=motion.pitch)
         return true_values(model.machine, simulate(model.machine, truth, motion.scene, t, 0.0))
@@ -121,20 +124,19 @@ class Separation:
     @cached_property
     def _truth(self) -> Truth:
         """A machine as the file has it."""
-        return draw_truth(self.found.question.viewer.model.machine, np.random.default_rng(0), 0.0)._replace(roll=0.0)
+        machine = self.question.machine.regressors.model.machine
+        return draw_truth(machine, np.random.default_rng(0), 0.0)._replace(roll=0.0)
 
-    def _told(self, rows: GapRows, effects: Columns, load: float) -> tuple[Array, Array]:
+    def _told(self, base: Array, effects: Array, residual: Array, load_kg: float) -> tuple[Array, Array]:
         """Information (N, N) on parameters, load and candidates' sizes in a recording, in units of their spread; the
         prior precision of the load (3,)."""
-        model, question = self.found.question.viewer.model, self.found.question
-        hanging = rows.base @ model.load[:, 1:] * np.array(CENTRE)
-        usable = np.isfinite(rows.left)[..., None]
-        columns = np.concatenate([rows.base * self._prior[0], hanging, effects * self._unit, rows.left[..., None]], -1)
-        whitened = white(np.where(usable, columns, np.nan), question.floor)
-        size = columns.shape[-1]
-        part = statistics(whitened, range(size - 1), Shared.nothing(rows.left.shape[1], size))
-        information = sums(np.ones(size - 1), [part]).information(self.found.machine.noise)[:-1, :-1]
-        return information, np.full(len(CENTRE), 1.0 if load else 1e12)
+        machine = self.question.machine
+        centre = base @ machine.regressors.model.load[:, 1:] * LOAD_CENTRE
+        usable = np.isfinite(residual)[..., None]
+        columns = np.concatenate([base * self._prior[0], centre, effects * self._unit, residual[..., None]], -1)
+        blocks, size = Blocks.whitened(np.where(usable, columns, np.nan), machine.floor), columns.shape[-1]
+        gram = Gram.of(blocks, range(size - 1), np.ones(size - 1), SharedNoise.none(residual.shape[1], size))
+        return machine.machine.noise.information(gram)[:-1, :-1], np.full(len(LOAD_CENTRE), 1.0 if load_kg else 1e12)
 
     def _marginal(self, information: Array, loads: Array) -> Array:
         """What is left of the information on the candidates' sizes (K, K), the others unknown as they are."""
@@ -163,20 +165,32 @@ class Separation:
         taken = float(across @ np.linalg.solve(own, across))
         return max(float(sizes @ told[np.ix_(a, a)] @ sizes) - taken, 0.0)
 
+    def joints(self) -> list[int]:
+        """The joints at which the candidates' signatures are largest in the present recordings."""
+        machine, chosen, k = self.question.machine, list[int](), 0
+        for c in self.rivals:
+            if c.proposal is None:
+                continue
+            own = slice(k, k + len(c.sizes))
+            k += len(c.sizes)
+            energy = np.sum([np.nansum((x[..., own] @ c.sizes) ** 2, axis=0) for x in self._columns], axis=0)
+            chosen.append(machine.regressors.model.machine.rows[int(np.argmax(energy / machine.floor.rms**2))])
+        return list(dict.fromkeys(chosen))
+
     def _own(self, k: int) -> list[int]:
         """The columns of a candidate."""
         first = sum(len(c.sizes) for c in self.rivals[:k])
         return list(range(first, first + len(self.rivals[k].sizes)))
 
 
-def planned(found: Found, search: Search) -> tuple[Told, ...]:
+def planned(found: Diagnosis) -> tuple[Told, ...]:
     """The motions that tell the likeliest candidates apart best, the best first; none where there is but one."""
-    rivals = candidates(found, search)
+    rivals = candidates(found)
     if len(rivals) < 2:
         return ()
-    separation = Separation(found, rivals)
+    separation = Separation(found.evidence.found.question, rivals)
     present = separation.information(separation.recorded())
-    motions = catalogue(found.question.viewer.model.machine, _joints(found, rivals))
+    motions = catalogue(separation.question.machine.regressors.model.machine, separation.joints())
     each = [Told(m.words, _times(separation.information(separation.of(m)), present)) for m in motions]
     each.append(Told(AGAIN, LONGER))
     return tuple(t for t in sorted(_worth(each), key=lambda t: -t.times)[:MOST_TOLD] if t.times >= LONGER)
@@ -189,18 +203,6 @@ def _worth(each: Sequence[Told]) -> list[Told]:
 
 def _times(information: float, present: float) -> float:
     return information / present if present > 0.0 else np.inf
-
-
-def _joints(found: Found, rivals: Sequence[Candidate]) -> list[int]:
-    """The joints at which the candidates' signatures are largest in the present recordings."""
-    problem, chosen = found.question.problem, list[int]()
-    for c in rivals:
-        if c.proposal is None:
-            continue
-        own = [k - problem.first for k in problem.places[problem.proposals.index(c.proposal)]]
-        energy = np.sum([np.nansum((s.rows.effects[..., own] @ c.sizes) ** 2, axis=0) for s in problem.faulty], axis=0)
-        chosen.append(problem.model.machine.rows[int(np.argmax(energy / found.question.floor.rms**2))])
-    return list(dict.fromkeys(chosen))
 
 
 def said(told: Sequence[Told]) -> list[str]:
