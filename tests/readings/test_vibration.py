@@ -1,14 +1,16 @@
 """Vibration of the engine, told from the raw readings of a moving machine: at its frequency, with its size, in the
 sensors that show it; none on machines in order."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.numbers import VIBRATES
-from cylforce.diagnosis.recordings.vibration import Vibration, spectra, vibrating, vibrations
+from cylforce.readings.constants import FALSE_LINES
+from cylforce.readings.recording import Recording
+from cylforce.readings.vibration import Vibration, spectra, vibration_warning, vibrations
 from cylforce.signals.kinds import Kind
-from gap_scene import MACHINE, SERVICE, recordings
+from readings.scenes import MACHINE, SERVICE, recordings
 
 FILTERS = SERVICE.filters
 NAMES = [s.name for s in MACHINE.signals]
@@ -27,7 +29,7 @@ def shaken(each, hz=HZ, times=TIMES, which=SHAKEN, wander=0.0):
         phase = 2.0 * np.pi * (hz * t + wander / 0.6 * np.sin(0.6 * t))
         for k in which:
             values[:, k] += times * DECLARED[k] * np.sin(phase + k)
-        found.append(recorded._replace(values=values))
+        found.append(replace(recorded, values=values))
     return found
 
 
@@ -63,7 +65,7 @@ def test_an_engine_whose_speed_wanders_is_found(order, references):
 
 
 def test_the_sentence_names_frequency_and_what_samples_cannot_distinguish(order, references):
-    words = vibrating(told(shaken(order), references), FILTERS.rate_hz)
+    words = vibration_warning(told(shaken(order), references), FILTERS.rate_hz)
     assert "37.0 Hz (or 63.0 Hz" in words
     assert all(f"{NAMES[k]} " in words for k in SHAKEN)
 
@@ -73,7 +75,7 @@ def test_a_vibration_that_was_always_there_is_told_but_no_reason_to_warn(order, 
     assert len(found) == 1
     for line in found[0].sensors:
         assert line.before == pytest.approx(line.amplitude, rel=0.15)
-    assert vibrating(found, FILTERS.rate_hz) == ""
+    assert vibration_warning(found, FILTERS.rate_hz) == ""
 
 
 def test_without_references_nothing_has_grown(order):
@@ -91,7 +93,7 @@ def test_one_that_drowns_in_the_sensors_noise_is_not_told(order, references):
 
 def test_motion_meanwhile_does_not_hide_its_size(order, references):
     """Where the background of some stretches is a thousand times as large, the others tell."""
-    loud = [each._replace(values=each.values.copy()) for each in order]
+    loud = [replace(each, values=each.values.copy()) for each in order]
     noise = np.random.default_rng(5).standard_normal((2000, len(DECLARED)))
     for each in loud:
         each.values[1000:3000] += 30.0 * DECLARED * noise
@@ -112,14 +114,14 @@ def test_machines_in_order_show_none(order):
 
 def test_noise_alone_shows_no_more_lines_than_is_said():
     minutes = [
-        Recorded("noise", DECLARED * np.random.default_rng(seed).standard_normal((6000, len(DECLARED))), 0.0)
+        Recording("noise", DECLARED * np.random.default_rng(seed).standard_normal((6000, len(DECLARED))), 0.0)
         for seed in range(40)
     ]
-    assert sum(len(told([each])) for each in minutes) <= 1 + 3 * len(minutes) * VIBRATES
+    assert sum(len(told([each])) for each in minutes) <= 1 + 3 * len(minutes) * FALSE_LINES
 
 
 def test_a_knock_and_a_dead_sensor_are_none(order):
-    knocked = [each._replace(values=each.values.copy()) for each in order]
+    knocked = [replace(each, values=each.values.copy()) for each in order]
     for each in knocked:
         each.values[3000:3010, SHAKEN] += 50.0 * DECLARED[SHAKEN]
         each.values[:, PITCH] = 0.0
@@ -127,5 +129,5 @@ def test_a_knock_and_a_dead_sensor_are_none(order):
 
 
 def test_less_than_a_stretch_tells_nothing():
-    assert spectra(FILTERS, DECLARED, [Recorded("short", np.zeros((100, len(DECLARED))), 0.0)]) is None
-    assert told([Recorded("short", np.zeros((100, len(DECLARED))), 0.0)]) == []
+    assert spectra(FILTERS, DECLARED, [Recording("short", np.zeros((100, len(DECLARED))), 0.0)]) is None
+    assert told([Recording("short", np.zeros((100, len(DECLARED))), 0.0)]) == []

@@ -4,14 +4,14 @@ that. (Our own simulator; a real machine: test_crane_gap.py.)"""
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.recordings.clocks import LATE_S, of_piece, slips
-from cylforce.diagnosis.recordings.shifted import JointRows
 from cylforce.effects.fault import Place, places
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
-from cylforce.programs.common.gap_answer import off_clock
+from cylforce.programs.common.gap_clocks import off_clock
 from cylforce.programs.common.play import prepare
+from cylforce.readings.clock_rows import JointRows
+from cylforce.readings.clocks import LATE_S, clock_faults, faults_of_piece
+from cylforce.readings.recording import Recording
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors
@@ -40,7 +40,7 @@ def paired(values, rate, late=0.0, only=None):
 
 
 def test_one_clock_is_one_clock(values):
-    assert not slips(MODEL, [Recorded("order", values, 0.0)])
+    assert not clock_faults(MODEL, [Recording("order", values, 0.0)])
 
 
 @pytest.mark.parametrize(
@@ -49,11 +49,11 @@ def test_one_clock_is_one_clock(values):
 )
 def test_a_lag_is_measured_whether_it_grows_or_not(values, rate, late, first, last):
     """Pressures shown at t are those of rate t - late: what belongs to t is shown at (t + late)/rate."""
-    (slip,) = slips(MODEL, [Recorded("field", paired(values, rate, late), 0.0)])
-    told = np.interp([slip.begins, slip.ends], [0.0, SECONDS], [late, (SECONDS + late) / rate - SECONDS])
-    assert np.all(np.abs(np.array([slip.first, slip.last]) - told) < 4.0 * slip.errors + 0.02), (slip, told)
-    assert [slip.first, slip.last] == pytest.approx([first, last], abs=0.3)
-    assert slip.closed > 0.9
+    (fault,) = clock_faults(MODEL, [Recording("field", paired(values, rate, late), 0.0)])
+    told = np.interp([fault.begins, fault.ends], [0.0, SECONDS], [late, (SECONDS + late) / rate - SECONDS])
+    assert np.all(np.abs(np.array([fault.first, fault.last]) - told) < 4.0 * fault.errors + 0.02), (fault, told)
+    assert [fault.first, fault.last] == pytest.approx([first, last], abs=0.3)
+    assert fault.closed > 0.9
 
 
 @pytest.mark.parametrize(
@@ -61,16 +61,16 @@ def test_a_lag_is_measured_whether_it_grows_or_not(values, rate, late, first, la
 )
 def test_each_sensor_may_have_a_clock_of_its_own(values, only):
     """As on a scope with two time bases: some pressures slower, all else right."""
-    (slip,) = slips(MODEL, [Recorded("field", paired(values, 0.9, only=only), 0.0)])
-    assert slip.sensors == only
-    assert not slip.whole
-    assert slip.last == pytest.approx(slip.ends / 9.0, abs=4.0 * slip.errors[1] + 0.02)
+    (fault,) = clock_faults(MODEL, [Recording("field", paired(values, 0.9, only=only), 0.0)])
+    assert fault.sensors == only
+    assert not fault.whole
+    assert fault.last == pytest.approx(fault.ends / 9.0, abs=4.0 * fault.errors[1] + 0.02)
 
 
 def test_two_nodes_may_have_two_clocks(values):
     field = paired(values, 0.9, only=("boom_head_pressure", "boom_rod_pressure"))
     field = paired(field, 1.0, 0.5, only=("stick_head_pressure", "stick_rod_pressure"))
-    first, second = slips(MODEL, [Recorded("field", field, 0.0)])
+    first, second = clock_faults(MODEL, [Recording("field", field, 0.0)])
     assert first.sensors == ("boom_head_pressure", "boom_rod_pressure")
     assert second.sensors == ("stick_head_pressure", "stick_rod_pressure")
     assert [second.first, second.last] == pytest.approx([0.5, 0.5], abs=0.1)
@@ -80,13 +80,13 @@ def test_a_jump_is_measured(values):
     """From one instant on the pressures are those of so much later."""
     jump, k = -0.7, np.arange(len(values))
     field = np.where((k > 0.4 * len(values))[:, None], paired(values, 1.0, jump), values)
-    (slip,) = slips(MODEL, [Recorded("field", field, 0.0)])
-    assert slip.first == 0.0
-    assert abs(slip.last - jump) < 4.0 * slip.errors[1] + 0.02
+    (fault,) = clock_faults(MODEL, [Recording("field", field, 0.0)])
+    assert fault.first == 0.0
+    assert abs(fault.last - jump) < 4.0 * fault.errors[1] + 0.02
 
 
 def test_it_is_told_by_name_with_its_cure(values):
-    told = slips(MODEL, [Recorded("field", paired(values, 0.9), 0.0)])
+    told = clock_faults(MODEL, [Recording("field", paired(values, 0.9), 0.0)])
     verdict, answer = off_clock(told)
     assert verdict == answer["verdict"] == "explained"
     (effect,) = answer["effects"]
@@ -104,16 +104,16 @@ def test_motion_that_repeats_itself_has_other_lags_that_are_told():
     joint = JointRows(
         np.ones((len(t), 1)), torque, np.full((len(t), 1), 1e4), t, pressure[:, None], 0.05, ("boom_head",)
     )
-    (slip,) = of_piece(Recorded("field", np.zeros((0, 1)), 0.0), 0.0, [joint])
-    lags = sorted([(slip.first, slip.last), *slip.others])
+    (fault,) = faults_of_piece(Recording("field", np.zeros((0, 1)), 0.0), 0.0, [joint])
+    lags = sorted([(fault.first, fault.last), *fault.alternatives])
     assert [lags[0], lags[-1]] == [pytest.approx((lag, lag), abs=0.1) for lag in (late - period, late)]
-    told = off_clock([slip])[1]
-    assert len(told["effects"][0]["alternatives"]) == len(slip.others)
+    told = off_clock([fault])[1]
+    assert len(told["effects"][0]["alternatives"]) == len(fault.alternatives)
     assert "repeats itself" in told["reason"]
 
 
 def test_a_smaller_lag_is_left_to_the_search(values):
-    assert not slips(MODEL, [Recorded("field", paired(values, 1.0, 0.5 * LATE_S), 0.0)])
+    assert not clock_faults(MODEL, [Recording("field", paired(values, 1.0, 0.5 * LATE_S), 0.0)])
 
 
 @pytest.mark.parametrize(
@@ -131,9 +131,9 @@ def test_nothing_else_is_taken_for_it(name, at, size):
     scene = moves(SERVICE.machine, np.random.default_rng(6), 60.0)
     made, rng = sensors(SERVICE.machine, SERVICE.nodes), np.random.default_rng(7)
     (record,) = run(SERVICE.machine, truth, made, [scene], dt=1.0 / RATE, rng=rng)
-    assert not slips(MODEL, [Recorded("field", record.values, 0.0)])
+    assert not clock_faults(MODEL, [Recording("field", record.values, 0.0)])
 
 
 def test_digging_is_not_taken_for_it():
     play = prepare(LOADED, "cycles", 6, 0.1, amount=4)
-    assert not slips(MODEL, [Recorded("dug", record.values, 0.0) for record in play.records])
+    assert not clock_faults(MODEL, [Recording("dug", record.values, 0.0) for record in play.records])

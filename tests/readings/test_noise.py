@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.recordings.shaking import noises, shaking, white_noise
-from gap_scene import MACHINE
+from cylforce.readings.noise import noise_warning, sensor_noise, white_noise
+from cylforce.readings.recording import Recording
+from readings.scenes import MACHINE
 
 DECLARED = np.array([s.standard_error for s in MACHINE.signals])
 T = np.arange(6000) * 0.01
@@ -15,11 +15,11 @@ def recorded(times, seed):
     """A minute in which everything swings by 1000 times its noise, slowly; noise `times` what is declared."""
     swing = 1e3 * np.sin(2.0 * np.pi * 0.1 * T)[:, None]
     noise = np.random.default_rng(seed).standard_normal((len(T), len(DECLARED)))
-    return Recorded("moves", DECLARED * (swing + times * noise), 0.0)
+    return Recording("moves", DECLARED * (swing + times * noise), 0.0)
 
 
 def told(field, references):
-    return shaking(noises(MACHINE, field, references))
+    return noise_warning(sensor_noise(MACHINE, field, references))
 
 
 def test_noise_is_told_while_the_machine_moves():
@@ -49,9 +49,9 @@ def test_a_single_glitch_is_no_noise():
 def test_every_sensor_is_told_with_what_it_declares_and_showed_before():
     shakes = np.ones(len(DECLARED))
     shakes[-1] = 6.0
-    rows = noises(MACHINE, [recorded(shakes, 8)], [recorded(np.ones(len(DECLARED)), 9)])
+    rows = sensor_noise(MACHINE, [recorded(shakes, 8)], [recorded(np.ones(len(DECLARED)), 9)])
     assert {row.sensor for row in rows} == {s.name for s in MACHINE.signals}
     assert [row.shakes for row in rows] == [True] + [False] * (len(rows) - 1)
     assert rows[0].seen == pytest.approx(6.0 * rows[0].declared, rel=0.1)
     assert rows[0].before == pytest.approx(rows[0].declared, rel=0.1)
-    assert noises(MACHINE, [recorded(shakes, 8)], [])[0].before is None
+    assert sensor_noise(MACHINE, [recorded(shakes, 8)], [])[0].before is None

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.recordings.glitches import jumping
 from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch
+from cylforce.readings.jumps import jumping_sensors
+from cylforce.readings.recording import Recording
 from machines import excavator
 
 RATE = 100.0
@@ -28,12 +28,12 @@ def readings(machine, seed, seconds=120.0):
 
 
 def recorded(values):
-    return Recorded("field", values, 0.0)
+    return Recording("field", values, 0.0)
 
 
 def test_a_machine_in_order_has_none(machine):
     field, reference = recorded(readings(machine, 1)), recorded(readings(machine, 2))
-    assert jumping(machine, [field], [reference], RATE) == ()
+    assert jumping_sensors(machine, [field], [reference], RATE) == ()
 
 
 def test_the_sensor_that_jumps_is_found_and_what_is_found_takes_the_jumps_out_again(machine):
@@ -41,7 +41,7 @@ def test_the_sensor_that_jumps_is_found_and_what_is_found_takes_the_jumps_out_ag
     k = next(k for k, s in enumerate(machine.signals) if "angle" in s.name)
     t = np.arange(len(plain)) / RATE
     values = IntermittentGlitch(every=6.0).distorted(machine, plain, t, k, 0.1)
-    (found,) = jumping(machine, [recorded(values)], [recorded(readings(machine, 2))], RATE)
+    (found,) = jumping_sensors(machine, [recorded(values)], [recorded(readings(machine, 2))], RATE)
     assert (found.proposal.name, found.proposal.where) == ("intermittent_glitch", k)
     again = found.proposal.group[0].distorted(machine, values, t, k, -0.1)
     width = machine.signals[k].high - machine.signals[k].low
@@ -56,7 +56,7 @@ def test_one_that_always_jumped_so_often_is_no_news(machine):
         plain = readings(machine, seed)
         t = np.arange(len(plain)) / RATE
         both.append(recorded(IntermittentGlitch(every=6.0, seed=seed).distorted(machine, plain, t, k, 0.1)))
-    assert jumping(machine, both[:1], both[1:], RATE) == ()
+    assert jumping_sensors(machine, both[:1], both[1:], RATE) == ()
 
 
 def test_what_jumps_together_is_a_knock(machine):
@@ -64,8 +64,8 @@ def test_what_jumps_together_is_a_knock(machine):
     t, values = np.arange(len(plain)) / RATE, plain
     for k in [k for k, s in enumerate(machine.signals) if "pressure" in s.name]:
         values = IntermittentGlitch(every=6.0).distorted(machine, values, t, k, 0.1)
-    assert jumping(machine, [recorded(values)], [recorded(readings(machine, 2))], RATE) == ()
+    assert jumping_sensors(machine, [recorded(values)], [recorded(readings(machine, 2))], RATE) == ()
 
 
 def test_without_references_nothing_is_concluded(machine):
-    assert jumping(machine, [recorded(readings(machine, 1))], [], RATE) == ()
+    assert jumping_sensors(machine, [recorded(readings(machine, 1))], [], RATE) == ()
