@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, CLEAR_GAP, SAME_MACHINE
+from cylforce.diagnosing.constants import BLOCK_ROWS, CLEAR_GAP, LAW_ERROR, SAME_MACHINE
 from cylforce.diagnosing.decide import SURE, Evidence, Verdict, costs, first_effect, one_answer
 from cylforce.diagnosing.explain import (
     Cause,
@@ -182,11 +182,15 @@ def _single(evidence: Evidence, key: Key, candidate: Candidate) -> Candidate:
 
 
 def _shows(question: Question, cause: Cause, alone: Simulated) -> bool:
-    """Return whether, with the first cause alone, the joint on which another one acts most still has a gap."""
-    torque = rms(added_torque(question, cause))
-    floor = question.machine.floor.rms
+    """Return whether, with the first cause alone, the joint on which another one acts most still has a gap.
+
+    The gap must exceed the error of the first cause's own law.
+    """
+    torque, floor = rms(added_torque(question, cause)), question.machine.floor.rms
     most = int(np.argmax(torque / floor))
-    return bool(rms(alone.after)[most] ** 2 > (1.0 + SAME_MACHINE) * floor[most] ** 2)
+    before, after = (float(rms(each)[most] / floor[most]) for each in (alone.before, alone.after))
+    law = LAW_ERROR**2 * max(before**2 - 1.0, 0.0)
+    return after**2 > 1.0 + SAME_MACHINE + law
 
 
 def added_torque(question: Question, cause: Cause) -> list[Array]:

@@ -253,7 +253,7 @@ def one_answer(evidence: Evidence) -> tuple[Evidence, dict[Key, Key]]:
             continue
         own = [c for c in evidence.candidates if c.keys & set(both)]
         likeliest = max(own, key=lambda c: c.log + evidence.prior_of(c), default=None)
-        lacking = [key for key in both if likeliest is not None and key not in evidence.keys(likeliest)]
+        lacking = [key for key in both if likeliest is not None and key not in likeliest.keys]
         if lacking:
             kept = next(key for key in both if key != lacking[0])
             evidence = Evidence(evidence.found, evidence.withdrawn | {lacking[0]}, evidence.sure)

@@ -306,8 +306,11 @@ class Nuisance:
         for each in blocks:
             others, mine = each.rows[..., [*columns, -1]], each.rows[..., list(own)]
             across = np.einsum("btri,btrk->brik", mine, others, optimize=True)
-            within = np.einsum("btri,btrj->brij", mine, mine, optimize=True)
-            parts.append((across, within, each.smooth[..., list(own)], each.smooth[..., [*columns, -1]]))
+            # In double precision: a large load's energy but for its smooth part is a difference of large sums.
+            exact = mine.astype(np.float64)
+            within = np.einsum("btri,btrj->brij", exact, exact, optimize=True)
+            waves = np.einsum("btrs,btri->brsi", each.basis, exact, optimize=True)
+            parts.append((across, within, waves, each.smooth[..., [*columns, -1]]))
         across, within, waves, smooth = (np.concatenate(part).astype(np.float64) for part in zip(*parts, strict=True))
         return cls(
             across * typical[:, None] * scale, within * np.outer(typical, typical), waves * typical, smooth * scale
