@@ -9,8 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, CLEAR_GAP, LAW_ERROR, SAME_MACHINE
-from cylforce.diagnosing.decide import SURE, Evidence, Verdict, costs, first_effect, one_answer
+from cylforce.diagnosing.constants import BLOCK_ROWS, CLEAR_GAP, HALF, LAW_ERROR, SAME_MACHINE
+from cylforce.diagnosing.decide import (
+    SURE,
+    Evidence,
+    Verdict,
+    costs,
+    first_effect,
+    one_answer,
+    parameters_are_likelier,
+)
 from cylforce.diagnosing.explain import (
     Cause,
     Picture,
@@ -23,15 +31,19 @@ from cylforce.diagnosing.explain import (
     objection_to_magnitude,
     objection_to_simulation,
     refitted,
+    refitted_sheet,
     unexplained_shape,
     where,
     worst_place,
 )
-from cylforce.diagnosing.model import HealthyMachine, Source, with_noise
+from cylforce.diagnosing.model import HealthyMachine, Source, fitted_parameters, with_noise
+from cylforce.diagnosing.model import identified as model_identified
 from cylforce.diagnosing.recordings import Recording
+from cylforce.diagnosing.regressors import Regressors
 from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Candidate, Found, Key, Question, examined, without_gap
 from cylforce.diagnosing.statistics import rms
 from cylforce.effects.library import Proposal
+from cylforce.estimation.model import Model
 from cylforce.signals.estimate import Array
 
 
@@ -105,16 +117,88 @@ def diagnose(
     rng: np.random.Generator,
     wanted: Callable[[Proposal], bool] = lambda _: True,
     watch: Callable[[str], None] = lambda _: None,
+    jumps: Mapping[int, float] | None = None,
+    *,
+    identified: bool = True,
 ) -> Diagnosis:
     """Diagnose recordings of a machine beside what is known of it while it was healthy.
 
-    wanted: whether an effect may be a cause
+    wanted:     whether an effect may be a cause
+    jumps:      evidence [nats] of the number of jumps of a reading, by its signal
+    identified: whether the parameters are surely this machine's; else other parameters compete with all effects
     """
     watch("columns of every effect")
-    question = question_of(machine, recordings, rng)
+    question = question_of(machine, recordings, rng, jumps)
     found = examined(question, wanted, watch)
     watch("locating the gap, simulating the effects")
-    return concluded(found, rng)
+    diagnosis = concluded(found, rng)
+    if identified or found.work is not None or diagnosis.verdict is Verdict.NO_GAP or diagnosis.refit.share <= HALF:
+        return diagnosis
+    watch("the model's own parameters")
+    refitted_diagnosis = concluded(examined(with_free_parameters(question, diagnosis.refit), wanted), rng)
+    if not parameters_are_likelier(diagnosis.evidence, refitted_diagnosis.evidence):
+        return diagnosis
+    return _after_refit(question, diagnosis, refitted_diagnosis)
+
+
+def with_free_parameters(question: Question, refit: Refit) -> Question:
+    """Return a question in which the parameters are as uncertain as the data sheet leaves them, and refitted."""
+    values = question.machine.values.copy()
+    values[: len(refit.values)] += refit.values
+    return replace(question, machine=replace(question.machine, values=values), free=True)
+
+
+def _after_refit(question: Question, before: Diagnosis, after: Diagnosis) -> Diagnosis:
+    """Return the answer that the parameters come first, with the effects that remain once they are fitted.
+
+    before, after: answers with the parameters as they are known, and free
+    """
+    return replace(
+        after,
+        verdict=after.verdict if after.named else Verdict.NOT_OBSERVABLE,
+        spots=before.spots,
+        refit=before.refit,
+        parameters_first=True,
+        picture=worst_place(question, replace(after.simulated, before=before.simulated.before)),
+    )
+
+
+@dataclass(frozen=True)
+class SheetGap:
+    """The gap of a machine of which only the data sheet is known: no effect is distinguished from its parameters.
+
+    question: the recordings beside the data sheet
+    refit:    what identifying masses and friction removes
+    spots:    where the gap is
+    """
+
+    question: Question
+    refit: Refit
+    spots: list[Spot]
+
+
+def gap_of_sheet(
+    sheet: Model,
+    friction: Sequence[str],
+    recordings: Sequence[Recording],
+    sensor_noise: Array,
+    rng: np.random.Generator,
+) -> SheetGap:
+    """Return what recordings show of a machine that nobody identified.
+
+    sheet:    the model without friction, whose prior is the data sheet
+    friction: laws that an identification would fit
+    """
+    model = sheet.with_laws(tuple(friction))
+    fitted = Regressors(model, fitted_parameters(model, recordings))
+    floor = rms([fitted.rows(each, ()).residual for each in recordings])
+    questions = []
+    for regressors in (fitted, Regressors(sheet, sheet.prior.mean)):
+        covariance, moves = regressors.model.prior.covariance, np.where(floor > 0.0, floor, 1.0)
+        machine = model_identified(regressors, (), covariance, moves, recordings, sensor_noise, rng)
+        questions.append(question_of(replace(machine, source=Source.DATA_SHEET), recordings, rng))
+    refit = refitted_sheet(questions[1], questions[0])
+    return SheetGap(questions[1], refit, where(questions[1], questions[1].residuals()))
 
 
 def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:

@@ -78,7 +78,8 @@ class Evidence:
     # Prior
 
     @cached_property
-    def _names(self) -> int:
+    def names(self) -> int:
+        """Number of the names of effects that compete."""
         names = {f.name for f in self.found.question.forms} | {i.key[0] for i in self.found.incidents}
         return len(names - {UNKNOWN[0]})
 
@@ -89,7 +90,7 @@ class Evidence:
         for form in forms:
             places = len({f.at for f in forms if f.name == form.name})
             shapes = sum(f.key == form.key for f in forms)
-            whole = UNKNOWN_EFFECT if form.name == UNKNOWN[0] else (1.0 - HEALTHY - UNKNOWN_EFFECT) / self._names
+            whole = UNKNOWN_EFFECT if form.name == UNKNOWN[0] else (1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names
             found[form.key] = float(np.log(whole / places / shapes))
         return found
 
@@ -105,7 +106,7 @@ class Evidence:
         """Return the log prior probability of something that happens in single blocks."""
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
-        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self._names))
+        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
 
     # Posterior
 
@@ -226,6 +227,24 @@ def costs(evidence: Evidence, key: Key | None) -> dict[Verdict, float]:
     if first >= SURE:
         found[Verdict.EXPLAINED] = 1.0 - first
     return found
+
+
+def parameters_are_likelier(known: Evidence, free: Evidence) -> bool:
+    """Return whether other parameters than the references' are the likeliest explanation.
+
+    They compete as one more name with all hypotheses. Their prior is the data sheet's, so that many free parameters cost
+    evidence: one effect that does the same is likelier.
+    known: hypotheses with the parameters as the references show them
+    free:  hypotheses with the parameters as uncertain as the data sheet leaves them
+    """
+    strength = min(known.strength, free.strength)
+    name = float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / known.names))  # of other parameters
+    more = float(np.log(SECOND_EFFECT))  # of an effect beside them
+    as_known = [strength * c.log + known.prior_of(c) for c in known.candidates]
+    as_known += [strength * i.log + known.prior_of_incident(i) for i in known.incidents]
+    fitted = [strength * c.log + (free.prior_of(c) + more if c.hypothesis.forms else 0.0) for c in free.candidates]
+    fitted += [strength * i.log + free.prior_of_incident(i) + more for i in free.incidents]
+    return name + max(fitted) > max(as_known)
 
 
 def first_effect(evidence: Evidence) -> Key | None:

@@ -15,6 +15,7 @@ from scipy import stats
 from cylforce.diagnosing.constants import (
     BLOCK_ROWS,
     CREDIBLE,
+    DETECTABLE,
     HALF,
     LEAST_CLOSURE,
     SAME_MACHINE,
@@ -26,12 +27,11 @@ from cylforce.diagnosing.model import (
     GROWTH_S,
     REGIMES,
     HealthyMachine,
-    fitted_parameters,
     mean_squares,
     regime,
 )
-from cylforce.diagnosing.regressors import LOAD_CENTRE, Regressors, courses
-from cylforce.diagnosing.search import Candidate, Incident, Key, Question, Spill
+from cylforce.diagnosing.regressors import LOAD_CENTRE, courses
+from cylforce.diagnosing.search import Candidate, Found, Incident, Key, Question, Spill
 from cylforce.diagnosing.statistics import Mask, rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL, SHAPES, Place, TimeCourse
 from cylforce.effects.imposed import imposed
@@ -379,9 +379,8 @@ class Simulation:
             sized.append(replace(cause, sizes=sizes))
             k += m
         coefficients = other.beside(more[: other.size])
-        if (
-            self.question.machine.references == 0
-        ):  # parameters known as well as they were identified give way to effects
+        if self.question.free or self.question.machine.references == 0:
+            # Parameters that are free, or known as well as they were identified, give way to effects.
             coefficients = coefficients.copy()
             coefficients[: layout.first] = residual[: layout.first]
         return sized, coefficients
@@ -676,6 +675,26 @@ def _in_few_blocks(torque: Array, floor: float) -> float:
     return float(np.sum(above[: -(-len(above) // 10)])) / max(int(np.sum(np.isfinite(torque))), 1)
 
 
+# Magnitudes that would be detected
+
+
+def smallest_detectable(found: Found) -> dict[Key, float]:
+    """Return the smallest detectable magnitude [SI] of every effect at its place, of the form that shows most.
+
+    It is DETECTABLE standard errors beside a healthy machine; infinite where the recordings show nothing of the effect.
+    """
+    case, smallest = found.case, dict[Key, float]()
+    state = case.state(found.healthy.hypothesis.noise)
+    for form in case.forms:
+        if not form.columns or form.columns[0] >= len(case.unit):
+            continue
+        k = form.columns[0]
+        information = float(state.information([k])[0, 0])
+        error = float(case.unit[k]) * information**-0.5 if information > 0.0 else np.inf
+        smallest[form.key] = min(DETECTABLE * error, smallest.get(form.key, np.inf))
+    return smallest
+
+
 # Refit of the model's parameters
 
 
@@ -686,6 +705,7 @@ class ParameterChange:
     name, unit:    of the parameter
     before, after: its values
     torque:        that the change makes along the recordings [N m, rms]
+    shift:         the change in standard errors of the data sheet
     """
 
     name: str
@@ -693,6 +713,7 @@ class ParameterChange:
     before: float
     after: float
     torque: float
+    shift: float
 
 
 @dataclass(frozen=True)
@@ -700,16 +721,16 @@ class Refit:
     """The gap before and after the model's parameters are fitted to the recordings.
 
     before, after: (R,) residual torque [N m, rms]
-    share:         of the gap's energy beyond the noise floor that goes
+    share:         of the gap's energy beyond the noise floor that goes; of a data sheet of the whole energy
     changes:       the parameters, the one that makes most torque first
-    shift:         (P,) changes in standard errors of the data sheet
+    values:        (F,) changes of the parameters and of the bars of linkages, in SI units
     """
 
     before: Array
     after: Array
     share: float
     changes: tuple[ParameterChange, ...]
-    shift: Array
+    values: Array
 
 
 def refitted(question: Question) -> Refit:
@@ -733,21 +754,25 @@ def refitted(question: Question) -> Refit:
     old = machine.regressors.parameters + machine.values[:count]
     changes = _changes(machine.regressors.model, old, old + values[:count], [s.rows.base for s in question.seen])
     before = rms(residuals)
-    return Refit(before, after, _energy_share(before, after, machine.floor.rms), changes, values[:count] / unit[:count])
+    share = _energy_share(before, after, machine.floor.rms)
+    return Refit(before, after, share, changes, values)
 
 
-def refitted_sheet(sheet: Regressors, friction: Sequence[str], question: Question) -> Refit:
-    """Return what identifying masses and friction from the recordings removes of the gap of a data sheet."""
-    model = Model(sheet.model.machine, sheet.model.filters, tuple(friction))
-    recordings = [s.recording for s in question.seen]
-    fitted = Regressors(model, fitted_parameters(model, recordings))
-    rows = [fitted.rows(each, ()) for each in recordings]
-    before, names = np.zeros(len(model.parameters)), [p.name for p in model.parameters]
-    for parameter, value in zip(sheet.model.parameters, sheet.parameters.tolist(), strict=True):
-        before[names.index(parameter.name)] = value
-    residual, after = rms(question.residuals()), rms([r.residual for r in rows])
-    changes = _changes(model, before, fitted.parameters, [r.base for r in rows])
-    return Refit(residual, after, _energy_share(residual, after, after), changes, np.zeros(len(before)))
+def refitted_sheet(sheet: Question, fitted: Question) -> Refit:
+    """Return what identifying masses and friction from the recordings removes of the gap of a data sheet.
+
+    sheet:  the recordings beside the data sheet, which has no friction
+    fitted: the same recordings beside parameters that were fitted to them
+    """
+    own, other = sheet.machine.regressors, fitted.machine.regressors
+    names = [p.name for p in other.model.parameters]
+    old = np.zeros(len(names))
+    for parameter, value in zip(own.model.parameters, own.parameters.tolist(), strict=True):
+        old[names.index(parameter.name)] = value
+    before, after = rms(sheet.residuals()), rms(fitted.residuals())
+    changes = _changes(other.model, old, other.parameters, [s.rows.base for s in fitted.seen])
+    share = 1.0 - float(np.sum(after**2) / max(float(np.sum(before**2)), 1e-300))
+    return Refit(before, after, share, changes, other.parameters - old)
 
 
 def _energy_share(before: Array, after: Array, floor: Array) -> float:
@@ -759,6 +784,7 @@ def _energy_share(before: Array, after: Array, floor: Array) -> float:
 def _changes(model: Model, before: Array, after: Array, base: Sequence[Array]) -> tuple[ParameterChange, ...]:
     columns = np.concatenate([b[..., : len(before)] for b in base])
     torque = np.sqrt(np.nanmean(np.nansum((columns * (after - before)) ** 2, axis=1), axis=0))
-    each = zip(model.parameters, before.tolist(), after.tolist(), torque.tolist(), strict=True)
-    changes = [ParameterChange(p.name, p.unit, old, new, moved) for p, old, new, moved in each]
+    shift = (after - before) / np.sqrt(np.diag(model.prior.covariance))
+    each = zip(model.parameters, *(x.tolist() for x in (before, after, torque, shift)), strict=True)
+    changes = [ParameterChange(p.name, p.unit, *numbers) for p, *numbers in each]
     return tuple(sorted(changes, key=lambda change: -change.torque))

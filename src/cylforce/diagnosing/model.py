@@ -689,6 +689,38 @@ def identified(
     )
 
 
+# Changes of what is known
+
+
+def with_proposals(machine: HealthyMachine, more: Sequence[Proposal]) -> HealthyMachine:
+    """Return a healthy machine with effects of which its recordings show nothing, such as the jumps of a reading."""
+    old, whole = machine.layout, machine.machine
+    if not more:
+        return machine
+    layout = replace(old, proposals=(*old.proposals, *more))
+    new = range(old.clock, layout.clock)
+    at, zeros = [old.clock] * len(new), np.zeros(len(new))
+    mean = np.insert(whole.mean, at, zeros)
+    covariance = np.insert(np.insert(whole.covariance, at, 0.0, axis=0), at, 0.0, axis=1)
+    covariance[new, new] = layout.healthy[new] ** 2
+    stated = _stated_variation(layout, forms_of(layout), machine.regressors.model.filters.rate_hz)
+    variation = np.insert(whole.variation, at, stated[new])
+    known = replace(whole, mean=mean, covariance=covariance, variation=variation)
+    return replace(machine, layout=layout, machine=known, values=np.insert(machine.values, at, zeros))
+
+
+def with_variation(machine: HealthyMachine, everyday: Mapping[str, float]) -> HealthyMachine:
+    """Return a healthy machine with another run-to-run variation.
+
+    everyday: of effects by name, in least plausible magnitudes
+    """
+    layout, variation = machine.layout, machine.machine.variation.copy()
+    for p, columns in zip(layout.proposals, layout.places, strict=True):
+        if p.name in everyday and not p.course:
+            variation[list(columns)] = everyday[p.name] * p.about.low / layout.unit[list(columns)]
+    return replace(machine, machine=replace(machine.machine, variation=variation))
+
+
 # Blocks of references in which the machine works
 
 

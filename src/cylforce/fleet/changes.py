@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.numbers import HAPPENS, IN_ORDER, MASS
+from cylforce.diagnosing.constants import CREDIBLE, HEALTHY, INCIDENT
 from cylforce.fleet.causes import FRICTIONS, UNKNOWN, Culprit
 from cylforce.fleet.history import History
 from cylforce.signals.estimate import Array
@@ -59,7 +59,7 @@ class Altered(NamedTuple):
     @property
     def may_grow(self) -> bool:
         """Whether it is told as a step, but may as well be a slope."""
-        return self.shape is Shape.STEP and self.growing > 1.0 - MASS
+        return self.shape is Shape.STEP and self.growing > 1.0 - CREDIBLE
 
 
 class _Asked(NamedTuple):
@@ -83,7 +83,7 @@ class _Answer(NamedTuple):
         return float(np.logaddexp(self.none, _log_sum(np.concatenate([each.ravel() for each in self.logs]))))
 
 
-def changes(history: History, found: Sequence[Culprit], sure: float = MASS) -> list[Altered]:
+def changes(history: History, found: Sequence[Culprit], sure: float = CREDIBLE) -> list[Altered]:
     """All changes of a machine that are there with the probability `sure`, the most probable first; single days that
     differ are among them, but are not counted for the others. Each of several is looked for once more beside the
     others: the first that is found may have taken over what another one explains."""
@@ -143,8 +143,8 @@ def _asked(history: History) -> _Asked:
     shape = (*[Shape.STEP] * len(steps), *[Shape.SLOPE] * len(slopes), *[Shape.DAY] * n)
     first = np.concatenate([np.arange(1, n), np.arange(1, len(slopes) + 1), np.arange(n)])
     kinds = len(steps) + len(slopes)
-    lasting = (1.0 - IN_ORDER - HAPPENS) / kinds
-    prior = np.concatenate([np.full(kinds, lasting), np.full(n, HAPPENS / n)])
+    lasting = (1.0 - HEALTHY - INCIDENT) / kinds
+    prior = np.concatenate([np.full(kinds, lasting), np.full(n, INCIDENT / n)])
     return _Asked(course, shape, first, np.where(alive[first], prior, 1e-300))
 
 
@@ -159,7 +159,7 @@ def _answered(history: History, found: Sequence[Culprit], asked: _Asked) -> _Ans
     for c, own in zip(found, _evidence(information, pull, found), strict=True):
         prior = np.log(asked.prior) - np.log(len(shares) * shares[c.name, c.at] * len(c.spreads))
         logs.append(own + np.where(once & (c.name == UNKNOWN), -np.inf, prior)[:, None])
-    return _Answer(tuple(logs), float(np.log(IN_ORDER)))
+    return _Answer(tuple(logs), float(np.log(HEALTHY)))
 
 
 def _evidence(information: Array, pull: Array, found: Sequence[Culprit]) -> list[Array]:
@@ -211,7 +211,7 @@ def _likeliest(history: History, found: Sequence[Culprit], sure: float) -> _Plac
     best = max(chosen, key=lambda k: float(np.max(logs[k])))
     slope = np.array([shape is Shape.SLOPE for shape in asked.shape])
     growing = float(np.exp(_log_sum(logs[best][slope]) - _log_sum(logs[best])))
-    h = int(np.argmax(np.where(slope & (growing < MASS), -np.inf, logs[best])))
+    h = int(np.argmax(np.where(slope & (growing < CREDIBLE), -np.inf, logs[best])))
     at_first = logs[best][asked.first == asked.first[h]]
     when = float(np.exp(_log_sum(at_first) - _log_sum(logs[best])))
     size, error = _size(history, found[best], asked.course[[h]], answer.logs[best][h])
@@ -245,7 +245,7 @@ def _smallest(causes: Sequence[Blame]) -> tuple[Blame, ...]:
     for blame in causes:
         kept.append(blame)
         mass += blame.probability
-        if mass >= MASS:
+        if mass >= CREDIBLE:
             break
     return tuple(kept)
 

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.numbers import EVERYDAY, USUALLY
+from cylforce.diagnosing.constants import CREEP_CHANGE, VARYING_CHANGE
+from cylforce.diagnosing.model import CREEP
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.stribeck import Stribeck
@@ -78,7 +79,7 @@ def coordinates(model: Model) -> tuple[Coordinate, ...]:
 
 def _of_sensor(machine: Machine, p: Proposal) -> Coordinate:
     if p.name == AngleOffset().about.name:
-        return Coordinate(f"{p.at}.{OFFSET}", p.about.unit.split()[0], p.about.high, USUALLY * p.about.low)
+        return Coordinate(f"{p.at}.{OFFSET}", p.about.unit.split()[0], p.about.high, VARYING_CHANGE * p.about.low)
     cylinder = machine.cylinders[machine.signals[p.where].index]
     return Coordinate(f"{cylinder.name}.{ZERO}", p.about.unit, p.about.high, EXPECTED.zero)
 
@@ -86,13 +87,13 @@ def _of_sensor(machine: Machine, p: Proposal) -> Coordinate:
 def _daily(model: Model, name: str, areas: dict[str, float]) -> float:
     """What the diagnosis takes for an everyday difference of a parameter before a fleet shows it."""
     at, _, symbol = name.rpartition(".")
-    moment = USUALLY * FirstMomentChange().about.low
+    moment = VARYING_CHANGE * FirstMomentChange().about.low
     if symbol in ("coulomb", "viscous"):
         force = EXPECTED.friction * TYPICAL_FRICTION * areas[at]
         return force if symbol == "coulomb" else force / SPEED
     laws = {"load_dependent": LoadDependentFriction().about, "delay": Delay().about, "stribeck": Stribeck().about}
     if symbol in laws:
-        return EVERYDAY.get(laws[symbol].name, USUALLY) * laws[symbol].low
+        return (CREEP_CHANGE if laws[symbol].name in CREEP else VARYING_CHANGE) * laws[symbol].low
     if symbol in ("J", "D_excess", "E"):
         return moment * next(link.length for link in model.machine.links if link.name == at)
     return moment
@@ -104,7 +105,7 @@ def joint_coordinates(model: Model) -> tuple[Coordinate, ...]:
     level, mass = FrictionLevelChange().about, ExtraMass().about
     frictions = [Coordinate(f"{c.name}.{LEVEL}", level.unit, NEVER, EXPECTED.friction) for c in model.machine.cylinders]
     names = [model.machine.links[j].name for j in model.machine.rows]
-    masses = [Coordinate(f"{name}.{CARRIED}", mass.unit, NEVER, USUALLY * mass.low) for name in names]
+    masses = [Coordinate(f"{name}.{CARRIED}", mass.unit, NEVER, VARYING_CHANGE * mass.low) for name in names]
     return (*frictions, *masses)
 
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from cylforce.commissioning.explained import row_noise
 from cylforce.commissioning.wiring import MISFIT, misfit
-from cylforce.diagnosis.columns.recorded import GapRows, Recorded
-from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
+from cylforce.diagnosing.constants import ROWS_HZ
+from cylforce.diagnosing.recordings import Recording
+from cylforce.diagnosing.regressors import Regressors, Rows
 from cylforce.effects.library import Proposal
 from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import Factors, factors, joined, of_row, stacked_triangle
@@ -67,12 +68,12 @@ class Evidence(NamedTuple):
         return np.asarray(np.sqrt(np.maximum(squares, 0.0) / count[:, None]))
 
 
-def evidence(model: Model, recorded: Sequence[Recorded]) -> Evidence:
+def evidence(model: Model, recorded: Sequence[Recording]) -> Evidence:
     """The statistics of a recording's gapless stretches, taken for such of the empty machine (if `at_work`, they tell
     nothing of it). Raises ValueError, in a sentence, where nothing moves."""
-    first = _factors(Viewer(model, model.prior.mean), recorded, ())
+    first = _factors(Regressors(model, model.prior.mean), recorded, ())
     tares = least_squares(first, row_noise(first, model.prior), model.prior).values
-    data = _factors(Viewer(model, tares), recorded, sensor_errors(model.machine))
+    data = _factors(Regressors(model, tares), recorded, sensor_errors(model.machine))
     prior = prior_of(model)
     noise = row_noise(data, prior)
     fit = least_squares(data, noise, prior)
@@ -81,7 +82,7 @@ def evidence(model: Model, recorded: Sequence[Recorded]) -> Evidence:
     parts = [_squared(stacked_triangle(_some(data, group), weight[group])) for group in groups]
     joints = [_squared(stacked_triangle(of_row(data, r), fit.trust[:, [r]])) for r in range(weight.shape[1])]
     samples = np.sum(data.samples * fit.trust**2, axis=0)
-    seconds = float(np.max(np.sum(data.samples, axis=0)) / RATE_HZ)
+    seconds = float(np.max(np.sum(data.samples, axis=0)) / ROWS_HZ)
     return Evidence(np.array(parts), np.array(joints), samples, misfit(data, fit.row_error), seconds)
 
 
@@ -105,16 +106,16 @@ def _squared(triangle: Array) -> Array:
     return np.asarray(triangle.T @ triangle)
 
 
-def _factors(viewer: Viewer, recorded: Sequence[Recorded], wanted: Sequence[Proposal]) -> Factors:
+def _factors(regressors: Regressors, recorded: Sequence[Recording], wanted: Sequence[Proposal]) -> Factors:
     """The recording in blocks of BLOCK_S."""
-    parts = [_blocked(viewer, viewer.rows(each, wanted)) for each in recorded]
+    parts = [_blocked(regressors, regressors.rows(each, wanted)) for each in recorded]
     data = joined(parts, MOST_BLOCKS)
     if not np.any(data.samples):
         raise ValueError("no cylinder moves: nothing is told of the machine")
     return data
 
 
-def _blocked(viewer: Viewer, rows: GapRows) -> Factors:
+def _blocked(regressors: Regressors, rows: Rows) -> Factors:
     columns = np.concatenate([rows.base, rows.effects], axis=-1, dtype=np.float64)
-    torque = rows.left + rows.base @ viewer.tares
-    return factors(columns, torque, np.zeros_like(torque), round(BLOCK_S * RATE_HZ))
+    torque = rows.residual + rows.base @ regressors.parameters
+    return factors(columns, torque, np.zeros_like(torque), round(BLOCK_S * ROWS_HZ))

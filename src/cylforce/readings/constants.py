@@ -15,9 +15,7 @@ FALSE_LINES = 0.01  # lines of a spectrum that noise alone would show in a diagn
 
 # Rows.
 ROWS_HZ = 20.0  # rows a second; physics: four times the band of the service's filters
-BLOCK_ROWS = (
-    60  # rows of a block, three seconds; convention: longer than the filters' memory, shorter than a phase
-)
+BLOCK_ROWS = 60  # rows of a block, three seconds; convention: longer than the filters' memory, shorter than a phase
 LOAD_CENTRE = (
     300.0,
     300.0,

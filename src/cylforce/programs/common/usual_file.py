@@ -10,7 +10,6 @@ import numpy as np
 import tomlkit
 
 import cylforce
-from cylforce.diagnosis.numbers import EVERYDAY
 from cylforce.effects.library import LIBRARY
 from cylforce.files.atomic import replacing
 from cylforce.fleet.coordinates import CARRIED, LEVEL, Coordinate
@@ -90,9 +89,9 @@ def usual_parameters(path: Path, machine: Machine) -> tuple[tuple[str, float, fl
     return tuple((q.name, q.mean, float(np.hypot(q.between_machines, q.between_days))) for q in each)
 
 
-def everyday_of(path: Path | None, machine: Machine) -> Mapping[str, float]:
-    """Everyday differences for the diagnosis, by a file or as stated beforehand. Raises SettingsError."""
-    return EVERYDAY if path is None else {**EVERYDAY, **everyday_from(read_usual(path, machine))}
+def everyday_of(path: Path, machine: Machine) -> Mapping[str, float]:
+    """Return the run-to-run variation of a type, of an effect's least plausible size, by its name. Raises SettingsError."""
+    return everyday_from(read_usual(path, machine))
 
 
 def everyday_from(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
+from cylforce.diagnosing.search import NO_GAP, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.kinds import Kind, Signal
 
@@ -31,7 +31,14 @@ class Words(NamedTuple):
 
 
 HIGH, LOW = "too high", "too low"
-BEFORE, ON_SHEET = "than before", "than on its data sheet"  # what a machine is compared with
+# What a machine is compared with, by `compared_with` of the answer: only references were recorded before.
+THAN = {
+    "references": "than before",
+    "simulation": "than in the simulation",
+    "identification": "than identified",
+    "data_sheet": "than on its data sheet",
+}
+BEFORE = THAN["references"]
 MORE, LESS = "more {}", "less {}"
 WORDS: dict[str, Words] = {
     "coulomb_friction": Words("changed dry friction in {}", MORE, LESS, cylinder=True),
@@ -77,7 +84,7 @@ WORDS: dict[str, Words] = {
     "payload_spill": Words("load falling out of the {}", less="less"),
     "payload_shift": Words("load moving in the {}"),
     "clock_fault": Words("pressures and angles that were recorded on different clocks"),
-    NOTHING[0]: Words("nothing: the machine is in order"),
+    NO_GAP[0]: Words("nothing: the machine is in order"),
     UNKNOWN[0]: Words("something that is none of the known faults"),
 }
 # SI unit of a size: the unit that is told, and what of it makes one SI unit.
@@ -107,16 +114,19 @@ def fault(machine: Machine, name: str, at: str) -> str:
     return words.wrong.format(cylinder(at) if words.cylinder else place(machine, at))
 
 
-def left_aside(machine: Machine, seconds: float, incident: tuple[str, str] | None) -> str:
-    """A sentence on moments that do not count, and on the incident, (name, at), that happens in them, None if it is an
-    everyday one; empty where all count."""
+def happening_beside(machine: Machine, seconds: float, incident: tuple[str, str] | None) -> str:
+    """Return a sentence on what happens in some blocks beside the cause; empty where nothing does.
+
+    seconds:  of these blocks
+    incident: name and place; None of something that healthy machines do, too
+    """
     if not seconds:
         return ""
     if incident is None:
-        return f"for about {seconds:.0f} s something everyday happens: these moments do not count"
+        return f"for about {seconds:.0f} s something everyday happens: this time does not count"
     return (
         f"for about {seconds:.0f} s something happens, most probably {fault(machine, *incident)}: what is wrong "
-        "besides was looked for in the other moments, and nothing is told of these"
+        "besides was looked for beside it"
     )
 
 
