@@ -1,7 +1,7 @@
 """`cylforce gap`: why a machine differs from its model."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -25,7 +25,7 @@ from cylforce.programs.common.gap_question import Question, check_recordings, on
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.recorded import SHORTEST_S, Chosen, at_own_rate, chosen
 from cylforce.programs.common.statistics_cache import StatisticsCache
-from cylforce.programs.experiments.separation import planned, sentences
+from cylforce.programs.experiments.separation import Plan, planned, sentences
 from cylforce.programs.wording.fault_words import happening_beside
 from cylforce.readings.clocks import ClockFault, clock_faults
 from cylforce.readings.constants import CLEAR_GAP
@@ -49,11 +49,13 @@ class Diagnosed:
     answer:    as JSON has it
     diagnosis: None where nothing could be concluded, and where only a data sheet is known
     sheet:     the gap of a machine of which only the data sheet is known, else None
+    plan:      what to record next; None where nothing could be concluded
     """
 
     answer: dict[str, Any]
     diagnosis: Diagnosis | None = None
     sheet: SheetGap | None = None
+    plan: Plan | None = None
 
 
 def diagnose(
@@ -80,7 +82,7 @@ def diagnose(
     whole = found.answer | ({"looked_at": shares} if "gap" in found.answer else {})
     warnings = [*left_out, *whole.get("warnings", ()), *([slow] if slow and "gap" in whole else [])]
     whole |= {"warnings": warnings} if warnings or "gap" in whole else {}
-    return Diagnosed(whole, found.diagnosis, found.sheet)
+    return replace(found, answer=whole)
 
 
 @dataclass(frozen=True)
@@ -145,13 +147,14 @@ class _Run:
             return Diagnosed(off_clock(late))
         self.watch("what to record next", None)
         whole = answer(found)
-        whole["next_experiment"] = [*before_anything(whole), *sentences(planned(found.evidence)), *whole["next_experiment"]]
+        plan = planned(found.evidence)
+        whole["next_experiment"] = [*before_anything(whole), *sentences(plan), *whole["next_experiment"]]
         whole |= _readings(loaded, groups)
         beside = happening_beside(loaded.service.machine, *_beside(found))
         clocks = apart(late) if late else ""
         warnings += [*known.warnings, *found.refuted, beside, clocks, *_reading_warnings(loaded, groups)]
         whole["warnings"] = [text for text in warnings if text]
-        return Diagnosed(whole, found)
+        return Diagnosed(whole, found, plan=plan)
 
     def _sheet(self, field: Sequence[Recording], warnings: Sequence[str], late: Sequence[ClockFault]) -> Diagnosed:
         """Return the answer where only a data sheet is known: identify the machine first."""

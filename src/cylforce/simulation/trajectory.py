@@ -9,6 +9,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from cylforce.signals.estimate import Array
 from cylforce.simulation.soil import Dig
@@ -34,15 +35,22 @@ class Move(NamedTuple):
 
 
 class JointCourse(NamedTuple):
-    """One joint's (or the house's) angle: `begin` [rad] and the strokes added to it."""
+    """One joint's (or the house's) angle.
+
+    begin:   angle at the start [rad]
+    steps:   strokes added to it
+    sampled: change of a recorded or written motion since the start [rad] over time [s], added as well; None: there is none
+    """
 
     begin: float
     steps: tuple[Move, ...] = ()
+    sampled: CubicSpline | None = None
 
     @property
     def end(self) -> float:
         """The angle [rad] after all strokes."""
-        return self.begin + sum(step.rise for step in self.steps)
+        last = 0.0 if self.sampled is None else float(self.sampled(self.sampled.x[-1]))
+        return self.begin + last + sum(step.rise for step in self.steps)
 
     def at(self, t: Array) -> Array:
         """Angle, rate and acceleration (3, T) [rad, rad/s, rad/s^2] at times (T,) [s], which ascend:
@@ -55,6 +63,8 @@ class JointCourse(NamedTuple):
             found[:, first:after] += _stroke(step, t[first:after])
             done[after] += step.rise
         found[0] += self.begin + np.cumsum(done[:-1])
+        if self.sampled is not None:
+            found += np.stack([self.sampled(t, order) for order in range(3)])
         return found
 
 

@@ -15,6 +15,7 @@ from cylforce.effects.library import LIBRARY, Group
 from cylforce.files.atomic import LARGEST, is_large, is_stream
 from cylforce.files.truth import describe
 from cylforce.mechanics.installation import Service
+from cylforce.programs.experiments.motions import read_scene
 from cylforce.settings.error import FaultError, Source, line_of, report
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.settings.sections import fault
@@ -72,9 +73,13 @@ def prepare(
     library: tuple[Group, ...] = LIBRARY,
     payload: float = 0.0,
     turning: bool = False,
+    motion: Path | None = None,
 ) -> Play:
-    """A run of `amount` cycles or seconds; machine, motion and noise each have a generator of their own. `effects`: a
-    file of effects of the `library`."""
+    """Return a run of `amount` cycles or seconds; machine, motion and noise each have a generator of their own.
+
+    effects: a file of effects of the `library`
+    motion:  a table of joint angles that is played in place of the scenario
+    """
     machine = loaded.service.machine
     extra = read_effects(effects, loaded, library) if effects else ()
     truth = draw_truth(machine, np.random.default_rng((seed, 0)), mass_error, extra)
@@ -82,8 +87,11 @@ def prepare(
     header |= {"machine_sha256": loaded.sha256, **describe(machine, truth)}
     made = sensors(machine, loaded.service.nodes)
     rng = np.random.default_rng((seed, 1))
-    if scenario == "moves":
-        scenes: Iterable[Scene] = [moves(machine, rng, amount, payload=payload, turning=turning)]
+    if motion is not None:
+        header["scenario"] = motion.name
+        scenes: Iterable[Scene] = [read_scene(motion, machine, payload)]
+    elif scenario == "moves":
+        scenes = [moves(machine, rng, amount, payload=payload, turning=turning)]
     else:
         scenes = _digging(loaded.service, rng, round(amount))
     noise = np.random.default_rng((seed, 2))
