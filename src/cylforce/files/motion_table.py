@@ -107,7 +107,7 @@ def _columns(path: Path, line: int, text: str, joints: Sequence[str]) -> list[st
 def _numbers(path: Path, line: int, text: str, header: list[str]) -> list[float]:
     cells = text.split(",")
     if len(cells) != len(header):
-        raise RecordingError(f"{path}:{line}: has {len(cells)} cells, the header {len(header)}: give one for each column")
+        raise RecordingError(f"{path}:{line}: has {len(cells)} cells, the header {len(header)}: give one a column")
     found = []
     for name, cell in zip(header, cells, strict=True):
         try:

@@ -18,13 +18,16 @@ from cylforce.diagnosing.search import NO_GAP, Incident, Key
 from cylforce.effects.incidents.clock_fault import ClockFault as ClockEffect
 from cylforce.effects.library import LIBRARY, UNKNOWN, Group, Proposal
 from cylforce.estimation.model import Model
+from cylforce.files.atomic import RecordingError
 from cylforce.programs.common.gap_answer import answer, before_anything, sheet_answer
 from cylforce.programs.common.gap_clocks import apart, off_clock
 from cylforce.programs.common.gap_machine import ALWAYS, SEED, Groups, known_machine
 from cylforce.programs.common.gap_question import Question, check_recordings, only_effect, reduced
 from cylforce.programs.common.progress import Watch, silent
+from cylforce.programs.common.readings import recorded_segments
 from cylforce.programs.common.recorded import SHORTEST_S, Chosen, at_own_rate, chosen
 from cylforce.programs.common.statistics_cache import StatisticsCache
+from cylforce.programs.experiments.catalogue import STILL_S
 from cylforce.programs.experiments.separation import Plan, planned, sentences
 from cylforce.programs.wording.fault_words import happening_beside
 from cylforce.readings.clocks import ClockFault, clock_faults
@@ -34,6 +37,7 @@ from cylforce.readings.jumps import jumping_sensors
 from cylforce.readings.noise import noise_warning, sensor_noise, usual_noise
 from cylforce.readings.outliers import References
 from cylforce.readings.recording import names_of
+from cylforce.readings.zeros import Zeros, read_zeros
 from cylforce.readings.vibration import vibration_warning, vibrations
 from cylforce.settings.machine_file import Loaded
 
@@ -133,6 +137,7 @@ class _Run:
         rng, rate_hz = np.random.default_rng(SEED), loaded.service.filters.rate_hz
         jumps = jumping_sensors(loaded.service.machine, field.stretches, alike.kept, rate_hz)
         jumps = tuple(each for each in jumps if self._wanted(each.proposal))
+        zeros = self._zeros()
         machine = with_proposals(known.machine, [each.proposal for each in jumps])
         found = diagnosed(
             machine,
@@ -141,6 +146,7 @@ class _Run:
             self._wanted,
             lambda doing: self.watch(doing, None),
             {each.proposal.where: each.nats for each in jumps},
+            zeros.by_signal,
             identified=known.identified or self.only is not None,
         )
         if late and not _named_first(found, CLOCKS):
@@ -152,7 +158,7 @@ class _Run:
         whole |= _readings(loaded, groups)
         beside = happening_beside(loaded.service.machine, *_beside(found))
         clocks = apart(late) if late else ""
-        warnings += [*known.warnings, *found.refuted, beside, clocks, *_reading_warnings(loaded, groups)]
+        warnings += [*known.warnings, *zeros.warnings, *found.refuted, beside, clocks, *_reading_warnings(loaded, groups)]
         whole["warnings"] = [text for text in warnings if text]
         return Diagnosed(whole, found, plan=plan)
 
@@ -168,6 +174,17 @@ class _Run:
         clocks = apart(late) if late else ""
         texts = (*warnings, clocks, *_reading_warnings(self.loaded, groups))
         return Diagnosed(whole | {"warnings": [text for text in texts if text]}, sheet=found)
+
+    def _zeros(self) -> Zeros:
+        """Return the readings of the pressure sensors without pressure. Raises RecordingError."""
+        path = self.question.still
+        if path is None:
+            return Zeros({})
+        parts = list(recorded_segments(self.loaded, path, self.watch))
+        seconds = sum(map(len, parts)) / self.loaded.service.filters.rate_hz
+        if seconds < STILL_S / 2.0:
+            raise RecordingError(f"{path}: has {seconds:.0f} s of samples: record {STILL_S:.0f} s without pressure")
+        return read_zeros(self.loaded.service.machine, np.concatenate(parts))
 
     def _wanted(self, p: Proposal) -> bool:
         """Return whether an effect may be a cause."""

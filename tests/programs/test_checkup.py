@@ -1,0 +1,157 @@
+"""`cylforce checkup`: it goes on until it is decided, and says what no motion decides."""
+
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from cylforce.effects.friction.coulomb_friction import CoulombFriction
+from cylforce.effects.imposed import imposed
+from cylforce.effects.loads.extra_mass import ExtraMass
+from cylforce.effects.loads.first_moment_change import FirstMomentChange
+from cylforce.effects.sensors.angle_offset import AngleOffset
+from cylforce.effects.sensors.pressure_gain import PressureGain
+from cylforce.effects.sensors.pressure_offset import PressureOffset
+from cylforce.files.atomic import RecordingError
+from cylforce.files.tables import Table, write_table
+from cylforce.programs.checkup import End, Outputs, check_recordings_of, run_checkup, sentences_of
+from cylforce.programs.common.gap_question import Question
+from cylforce.programs.experiments.catalogue import checkup
+from cylforce.settings.machine_file import load
+from cylforce.simulation.scenario import cycles, moves
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.simulator import draw_truth
+from scenarios import CONFIG
+
+LOADED = load(CONFIG / "excavator_20t.toml")
+SERVICE = LOADED.service
+MACHINE = SERVICE.machine
+LIBRARY = (
+    (CoulombFriction(),),
+    (PressureOffset(),),
+    (PressureGain(),),
+    (AngleOffset(),),
+    (ExtraMass(),),
+    (FirstMomentChange(),),
+)
+STEADY = {"first": ("moves", 1), "second": ("moves", 2)}
+
+
+class Rig:
+    """Records one simulated machine into files."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.references = tuple(self.record(name, scene, seed) for name, (scene, seed) in STEADY.items())
+
+    def record(self, name, scene, seed, *effects):
+        truth = draw_truth(MACHINE, np.random.default_rng(0), 0.1)._replace(effects=effects)
+        if scene == "moves":
+            scenes = [moves(MACHINE, np.random.default_rng((seed, 1)), 70.0)]
+        elif scene == "work":
+            scenes = list(cycles(MACHINE, np.random.default_rng((seed, 1)), 5, swing=True))
+        else:
+            scenes = [checkup(MACHINE)[("together", "stairs").index(scene)].scene]
+        made, rng = sensors(MACHINE, SERVICE.nodes), np.random.default_rng((seed, 2))
+        records = list(run(MACHINE, truth, made, scenes, dt=1.0 / SERVICE.filters.rate_hz, rng=rng))
+        return self.written(name, np.concatenate([r.t for r in records]), np.concatenate([r.values for r in records]))
+
+    def still(self, name, offsets):
+        """Ten seconds without pressure."""
+        rng, made = np.random.default_rng(5), sensors(MACHINE, SERVICE.nodes)
+        t = np.arange(0.0, 10.0, 1.0 / SERVICE.filters.rate_hz)
+        values = made.noise * rng.standard_normal((len(t), len(MACHINE.signals)))
+        for k, signal in enumerate(MACHINE.signals):
+            values[:, k] += offsets.get(signal.name, 0.0)
+        return self.written(name, t, values)
+
+    def written(self, name, t, values):
+        path = self.folder / f"{name}.parquet"
+        write_table(path, Table(t, values, tuple(s.name for s in MACHINE.signals)))
+        return path
+
+    def checked(self, *field, still=None, shown=lambda _: None):
+        question = Question(field, self.references, still=still)
+        return check_recordings_of(LOADED, question, LIBRARY, show=shown)
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    return Rig(tmp_path_factory.mktemp("rig"))
+
+
+def test_a_clear_fault_is_decided_by_the_first_recording(rig):
+    field = rig.record("rubbing", "moves", 3, imposed(MACHINE, "coulomb_friction", "stick", 6000.0))
+    shown = []
+    found = rig.checked(field, field.with_name("never_read.parquet"), shown=shown.append)
+    assert found.end is End.CERTAIN
+    assert len(found.steps) == len(shown) == 1
+    assert found.steps[0].causes[0][0] == ("coulomb_friction", "stick")
+    assert found.next is None and not found.by_hand
+
+
+def test_a_healthy_machine_ends_the_check_up(rig):
+    found = rig.checked(rig.record("healthy", "moves", 4))
+    assert found.end is End.HEALTHY
+    assert "no fault" in sentences_of(MACHINE, found)[0]
+
+
+OFFSET = imposed(MACHINE, "pressure_offset", "stick_head_pressure", 2e5)
+
+
+def test_zeros_read_without_pressure_decide_between_the_two_sides_of_a_cylinder(rig):
+    field = rig.record("off", "moves", 5, OFFSET)
+    before = rig.checked(field)
+    assert before.end is End.OPEN and before.still_next
+    assert "--still" in " ".join(sentences_of(MACHINE, before))
+    after = rig.checked(field, still=rig.still("still", {"stick_head_pressure": 2e5}))
+    shares = [dict(step.causes).get(("pressure_offset", "stick_head_pressure"), 0.0) for step in (*before.steps, *after.steps)]
+    assert shares[1] > max(shares[0], 0.95)
+    assert after.end is End.CERTAIN
+
+
+def test_right_zeros_are_evidence_against_a_wrong_zero(rig):
+    field = rig.record("off_2", "moves", 5, OFFSET)
+    right = rig.checked(field, still=rig.still("right", {}))
+    plain = rig.checked(field)
+    both = [
+        sum(p for (name, at), p in each.found.diagnosis.evidence.posterior.items() if name == "pressure_offset" and "stick" in at)
+        for each in (plain, right)
+    ]
+    assert both[1] < both[0]
+
+
+def test_a_working_machine_is_first_asked_to_stop(rig):
+    found = rig.checked(rig.record("work", "work", 6, imposed(MACHINE, "coulomb_friction", "stick", 4000.0)))
+    if found.end is End.OPEN:
+        assert found.next is not None
+        assert "stop working" in " ".join(sentences_of(MACHINE, found))
+
+
+def test_the_answer_is_written_as_json(rig, tmp_path):
+    field = rig.record("healthy_2", "moves", 7)
+    console = Console(file=(tmp_path / "out.txt").open("w"), width=200)
+    out = tmp_path / "answer.json"
+    run_checkup(LOADED, Question((field,), rig.references), Outputs(out), console)
+    written = json.loads(out.read_text())
+    assert written["end"] == "healthy"
+    assert [step["recording"] for step in written["steps"]] == [field.name]
+    assert written["joint_name"] is None
+
+
+def test_pressure_in_a_still_machine_is_no_zero(rig):
+    field = rig.record("off_3", "moves", 5, OFFSET)
+    found = rig.checked(field, still=rig.still("held", {"boom_head_pressure": 80e5}))
+    assert any("boom_head_pressure reads 80.0 bar" in text for text in found.found.answer["warnings"])
+
+
+def test_a_still_recording_that_is_too_short_is_refused(rig):
+    path = rig.written("short", np.arange(0.0, 1.0, 0.01), np.zeros((100, len(MACHINE.signals))))
+    with pytest.raises(RecordingError, match="short.parquet: has 1 s of samples: record 10 s without pressure"):
+        rig.checked(rig.references[0].with_name("healthy.parquet"), still=path)
+
+
+def test_no_recording_is_refused():
+    with pytest.raises(RecordingError, match="no recording to check"):
+        check_recordings_of(LOADED, Question(()), LIBRARY)
