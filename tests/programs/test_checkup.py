@@ -91,13 +91,7 @@ def test_a_clear_fault_is_decided_by_the_first_recording(rig):
     assert found.next is None and not found.by_hand
 
 
-def test_a_healthy_machine_ends_the_check_up(rig):
-    found = rig.checked(rig.record("healthy", "moves", 4))
-    assert found.end is End.HEALTHY
-    assert "no fault" in sentences_of(MACHINE, found)[0]
-
-
-OFFSET = imposed(MACHINE, "pressure_offset", "stick_head_pressure", 2e5)
+OFFSET = imposed(MACHINE, "pressure_offset", "stick_head_pressure", 0.8e5)
 
 
 def test_zeros_read_without_pressure_decide_between_the_two_sides_of_a_cylinder(rig):
@@ -105,21 +99,11 @@ def test_zeros_read_without_pressure_decide_between_the_two_sides_of_a_cylinder(
     before = rig.checked(field)
     assert before.end is End.OPEN and before.still_next
     assert "--still" in " ".join(sentences_of(MACHINE, before))
-    after = rig.checked(field, still=rig.still("still", {"stick_head_pressure": 2e5}))
-    shares = [dict(step.causes).get(("pressure_offset", "stick_head_pressure"), 0.0) for step in (*before.steps, *after.steps)]
-    assert shares[1] > max(shares[0], 0.95)
+    after = rig.checked(field, still=rig.still("still", {"stick_head_pressure": 0.8e5}))
+    place = ("pressure_offset", "stick_head_pressure")
+    unsure, sure = (dict(each.steps[0].causes).get(place, 0.0) for each in (before, after))
+    assert sure > max(unsure, 0.95)
     assert after.end is End.CERTAIN
-
-
-def test_right_zeros_are_evidence_against_a_wrong_zero(rig):
-    field = rig.record("off_2", "moves", 5, OFFSET)
-    right = rig.checked(field, still=rig.still("right", {}))
-    plain = rig.checked(field)
-    both = [
-        sum(p for (name, at), p in each.found.diagnosis.evidence.posterior.items() if name == "pressure_offset" and "stick" in at)
-        for each in (plain, right)
-    ]
-    assert both[1] < both[0]
 
 
 def test_a_working_machine_is_first_asked_to_stop(rig):
@@ -129,21 +113,17 @@ def test_a_working_machine_is_first_asked_to_stop(rig):
         assert "stop working" in " ".join(sentences_of(MACHINE, found))
 
 
-def test_the_answer_is_written_as_json(rig, tmp_path):
-    field = rig.record("healthy_2", "moves", 7)
+def test_a_healthy_machine_ends_the_check_up_and_the_answer_is_written_as_json(rig, tmp_path):
+    field = rig.record("healthy", "moves", 4)
     console = Console(file=(tmp_path / "out.txt").open("w"), width=200)
     out = tmp_path / "answer.json"
-    run_checkup(LOADED, Question((field,), rig.references), Outputs(out), console)
+    found = run_checkup(LOADED, Question((field,), rig.references), Outputs(out), console)
+    assert found.end is End.HEALTHY
+    assert "no fault" in sentences_of(MACHINE, found)[0]
     written = json.loads(out.read_text())
     assert written["end"] == "healthy"
     assert [step["recording"] for step in written["steps"]] == [field.name]
     assert written["joint_name"] is None
-
-
-def test_pressure_in_a_still_machine_is_no_zero(rig):
-    field = rig.record("off_3", "moves", 5, OFFSET)
-    found = rig.checked(field, still=rig.still("held", {"boom_head_pressure": 80e5}))
-    assert any("boom_head_pressure reads 80.0 bar" in text for text in found.found.answer["warnings"])
 
 
 def test_a_still_recording_that_is_too_short_is_refused(rig):
