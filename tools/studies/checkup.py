@@ -1,7 +1,7 @@
-"""Closed loop: a machine of the trial with a hidden effect, a first recording, then up to two recommended motions on the
-same machine with the same effect. How many machines are decided, rightly or wrongly, and does a right answer stay right?
+"""Closed loop: a machine of the trial with a hidden effect, a first recording, then up to two recommended motions of it.
 
-The motion is what `cylforce checkup` recommends: joint angles over time, which the reference machine's pumps and valves
+How many machines are decided, rightly or wrongly, and does a right answer stay right? The machine and its effect are the
+same in all recordings. The motion is what `cylforce checkup` recommends: joint angles over time, which the reference machine's pumps and valves
 carry out with the errors that they have."""
 
 import argparse
@@ -76,9 +76,7 @@ def piece(site: Site, machine: Machine, motion: Motion, number: int) -> Piece:
     load_kg = LOAD_KG if motion.load_kg else 0.0
     slope = (float(np.degrees(motion.pitch)), 0.0)
     run = RUN + number
-    made = stage(
-        site.machine, "strokes", rows / RATE, run, slope=slope, degc=OIL_DEGC, load_kg=load_kg, slew=False
-    )
+    made = stage(site.machine, "strokes", rows / RATE, run, slope=slope, degc=OIL_DEGC, load_kg=load_kg, slew=False)
     (plan,) = made.plans
     kept = min(plan.rows, rows)
     working = site.machine.geometry.working

@@ -22,6 +22,7 @@ from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.estimation.model import Model
 from cylforce.programs.experiments.catalogue import catalogue, checkup
 from cylforce.programs.experiments.separation import Rival, Separation, planned, sentences
+from cylforce.readings.zeros import Zero
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors
@@ -50,8 +51,9 @@ def healthy() -> HealthyMachine:
     return learnt(regressors, proposals(MACHINE, LIBRARY), references, noise, np.random.default_rng(1))
 
 
-def diagnosed(*effects) -> Evidence:
-    question = diagnosing.question_of(healthy(), [recorded("field", 3, effects)], np.random.default_rng(1))
+def diagnosed(*effects, zeros=None) -> Evidence:
+    field = [recorded("field", 3, effects)]
+    question = diagnosing.question_of(healthy(), field, np.random.default_rng(1), zeros=zeros)
     return Evidence(examined(question, lambda _: True))
 
 
@@ -129,3 +131,15 @@ def test_the_advice_is_a_motion_that_separates_what_is_still_possible():
 
 def test_a_certain_cause_needs_no_motion():
     assert planned(diagnosed(imposed(MACHINE, "coulomb_friction", "stick", 6000.0))).advice == ()
+
+
+def test_zeros_read_without_pressure_decide_between_the_two_sides_of_a_cylinder():
+    """No motion separates them on this machine; the plan names both, and a reading without pressure decides."""
+    offset = imposed(MACHINE, "pressure_offset", "stick_head_pressure", 0.6e5)
+    names = [s.name for s in MACHINE.signals]
+    head, rod = (names.index(f"stick_{side}_pressure") for side in ("head", "rod"))
+    places = [("pressure_offset", f"stick_{side}_pressure") for side in ("head", "rod")]
+    unsure = diagnosed(offset)
+    assert set(planned(unsure).inseparable) == set(places)
+    sure = diagnosed(offset, zeros={head: Zero(0.6e5, 1e3), rod: Zero(0.0, 1e3)})
+    assert sure.posterior[places[0]] > max(unsure.posterior[places[0]], 0.9)
