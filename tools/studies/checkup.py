@@ -1,8 +1,8 @@
-"""Closed loop: a machine of the trial with a hidden effect, a first recording, then up to two recommended motions of it.
+"""Closed loop: a machine of the trial with a hidden effect, a first recording, then up to two recommended motions.
 
-How many machines are decided, rightly or wrongly, and does a right answer stay right? The machine and its effect are the
-same in all recordings. The motion is what `cylforce checkup` recommends: joint angles over time, which the reference machine's pumps and valves
-carry out with the errors that they have."""
+How many machines are decided, rightly or wrongly, and does a right answer stay right? Machine and effect are the same
+in all recordings. A motion is what `cylforce checkup` recommends: joint angles over time, which the pumps and valves of
+the reference machine carry out with their errors."""
 
 import argparse
 import json

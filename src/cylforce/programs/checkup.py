@@ -143,10 +143,7 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[S
     """Return what recordings so far say, and whether the check-up goes on."""
     name = question.field[-1].name
     if found.diagnosis is None or found.plan is None:
-        first = "identify_first" in found.answer
-        step = Step(name, found.answer["verdict"], ())
-        following = None if first else checkup(machine)[0]
-        return step, Checked((step,), End.IDENTIFY_FIRST if first else End.OPEN, (), (), False, following, found)
+        return _without_diagnosis(machine, name, found)
     evidence, plan, named = found.diagnosis.evidence, found.plan, found.diagnosis.named
     causes = tuple(sorted(evidence.posterior.items(), key=lambda item: -item[1])[:MOST_SHOWN])
     working = evidence.found.work.names if evidence.found.work else frozenset[str]()
@@ -176,6 +173,18 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[S
     return step, Checked(
         (step,), end, plan.inseparable, by_hand, is_open and still_next, following if is_open else None, found
     )
+
+
+def _without_diagnosis(machine: Machine, name: str, found: Diagnosed) -> tuple[Step, Checked]:
+    """Return a step without a diagnosis: wrong clocks, faulty sensors, too little motion, or a data sheet alone."""
+    effects = found.answer.get("effects", [])
+    causes = tuple(((each["name"], each["at"]), float(each["confidence"])) for each in effects[:MOST_SHOWN])
+    step = Step(name, found.answer["verdict"], causes)
+    end = End.IDENTIFY_FIRST if "identify_first" in found.answer else End.OPEN
+    if len(causes) == 1 and causes[0][1] >= CERTAIN and step.verdict == Verdict.EXPLAINED:
+        end = End.CERTAIN
+    following = checkup(machine)[0] if end is End.OPEN else None
+    return step, Checked((step,), end, (), (), False, following, found)
 
 
 def _alone(found: Diagnosed) -> bool:
@@ -229,6 +238,8 @@ def sentences_of(machine: Machine, checked: Checked) -> list[str]:
         End.OPEN: "not decided yet",
     }
     found = [ends[checked.end]]
+    if checked.found.diagnosis is None and "reason" in checked.found.answer:
+        found.append(checked.found.answer["reason"])
     if checked.end in (End.INSEPARABLE, End.NO_MOTION):
         found += [f"check by hand: {check}" for check in checked.by_hand]
     if checked.end is End.OPEN:
@@ -281,7 +292,10 @@ class Outputs:
 def run_checkup(
     loaded: Loaded, question: Question, outputs: Outputs, console: Console, cache: StatisticsCache | None = None
 ) -> Checked:
-    """Check recordings, print a line of each, write what is wanted. Raises RecordingError or ValueError, in a sentence."""
+    """Check recordings, print a line of each, write what is wanted.
+
+    Raises RecordingError or ValueError, in a sentence.
+    """
     machine = loaded.service.machine
 
     def show(checked: Checked) -> None:
@@ -354,7 +368,7 @@ def _recorded(
     try:
         writer = LogWriter(path, header_of(loaded, None, bus), now_us(), bus.partition(":")[2])
         console.print(f"recording to {path}", soft_wrap=True)
-        collector = Collector(loaded, Guide(model_of(loaded)), opened, writer)
+        collector = Collector(loaded, Guide(model_of(loaded), every_s=np.inf), opened, writer)
         return asyncio.run(_followed(collector, words, seconds, console, moving=moving))
     finally:
         opened.close()
