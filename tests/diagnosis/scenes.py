@@ -27,10 +27,15 @@ SENSOR_NOISE = np.array([s.standard_error for s in MACHINE.signals])
 MASS_ERROR = 0.1  # of the true machine
 REFERENCE_SEEDS = (1, 2)
 SECONDS = 60.0
-GLITCH = "intermittent_glitch"  # its form is made of the jumps that a recording shows
-FIRST_FORMS = tuple({g[0].about.name: g for g in reversed(LIBRARY)}.values())  # one form of every effect: it is quicker
+NAMES = (  # one or two effects of every kind, and their rivals: half of the library is twice as quick
+    *("coulomb_friction", "viscous_friction", "friction_level_change", "stribeck", "return_line_loss"),
+    *("pressure_offset", "pressure_gain", "angle_offset", "angle_scale", "sensor_delay", "linkage_geometry"),
+    *("extra_mass", "first_moment_change", "hose_spring", "compliance", "clock_fault"),
+    *("soil_contact", "slew_centrifugal", "payload_spill", "payload_shift"),
+)
+FIRST_FORMS = {group[0].about.name: group for group in reversed(LIBRARY)}
 PROPOSALS = (
-    *proposals(MACHINE, tuple(group for group in FIRST_FORMS if group[0].about.name != GLITCH)),
+    *proposals(MACHINE, tuple(FIRST_FORMS[name] for name in NAMES)),
     *proposals(MACHINE, UNKNOWN_TORQUES),
 )
 

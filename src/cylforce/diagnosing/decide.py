@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cylforce.diagnosing.constants import (
+    CORRELATED_ROWS,
     COSTS,
     CREDIBLE,
     FEW_BLOCKS,
@@ -98,7 +99,7 @@ class Evidence:
         """Return the log prior probability of a hypothesis."""
         if not c.hypothesis.forms:
             return float(np.log(HEALTHY))
-        more = len(c.hypothesis.forms) - 1
+        more = len(c.hypothesis.forms) - 1 + (c.beside_contact and self.found.work is None)
         own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
         return own + more * float(np.log(SECOND_EFFECT))
 
@@ -122,7 +123,12 @@ class Evidence:
 
     @cached_property
     def strength(self) -> float:
-        """Factor that tempers all evidence, by the residual of the likeliest hypothesis."""
+        """Factor that tempers all evidence, by the residual of the likeliest hypothesis.
+
+        Beside unknown loads and contact all evidence counts as model error: references do not show that kind of motion.
+        """
+        if self.found.work is not None:
+            return 1.0 / CORRELATED_ROWS
         each = [(c.log + self.prior_of(c), c.rest) for c in self.candidates]
         each += [(i.log + self.prior_of_incident(i), i.rest) for i in self.incidents]
         return effective_share(max(each)[1])

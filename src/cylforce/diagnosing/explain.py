@@ -297,6 +297,9 @@ class Simulation:
     def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
         """Return the gap before and after causes; sizes of incidents are those of their own blocks."""
         before = self._residuals((), None)
+        if self.candidate is not None and self.candidate.beside_contact:
+            rows = self.candidate.counted()
+            before = [np.where(own[:, None], e, np.nan) for own, e in zip(rows, before, strict=True)]
         if not causes:
             after = before
         elif any(not c.lasts for c in causes) or self.candidate is None:
@@ -310,6 +313,7 @@ class Simulation:
                     self._chosen(a, b, fold == k, span)
                     for a, b, span in zip(after, other, self.question.spans, strict=True)
                 ]
+        after = [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, after, strict=True)]
         machine = self.question.machine
         value, (low, high) = closure(
             np.concatenate([mean_squares(e) for e in before]),

@@ -575,7 +575,7 @@ class _Cells:
 
 
 def free_stretches(
-    residual: Array, loads: Array, usable: Mask, tilt: Array, typical: Array, settle: int
+    residual: Array, loads: Array, usable: Mask, tilt: Array, typical: Array, settle: int, *, payloads: bool = True
 ) -> list[Stretch]:
     """Return the stretches of a recording that are free of contact, each with one load or with carry-back.
 
@@ -585,9 +585,12 @@ def free_stretches(
     usable:   (T, R)
     tilt:     (T,) angle of the tool against the house [rad]
     typical:  (I,) typical sizes of a load's columns
+    payloads: whether unknown payloads are possible, or nothing but carry-back
     """
     cells = _Cells.of(residual, loads, usable)
-    precision = {True: (PAYLOAD * typical) ** -2.0, False: (CARRY_BACK * typical) ** -2.0}
+    precision = {False: (CARRY_BACK * typical) ** -2.0}
+    if payloads:
+        precision[True] = (PAYLOAD * typical) ** -2.0
     rows = np.maximum(cells.rows.sum(axis=0), 1.0)
     free, busy = np.ones(len(rows)), np.maximum(np.sqrt(cells.energy.sum(axis=0) / rows), CLEAR_GAP)
     path = cells.path(free, busy, precision)

@@ -256,7 +256,7 @@ class Regressors:
     def rows(self, recording: Recording, proposals: Sequence[Proposal], lost: NDArray[np.bool_] | None = None) -> Rows:
         """Return the rows of a recording, with one column of each size of the proposals.
 
-        lost: (T', R) which rows are not usable; None: computed from levers, end stops and rest
+        lost: (T', R) which rows are not usable, of as many or more; None: computed from levers, end stops and rest
         """
         values, late = recording.values, slice(self.slow.settle_steps, None)
         moved = self.slow.channels.run(self.thinned(values))
@@ -270,7 +270,7 @@ class Regressors:
         if lost is None:
             lost = self._lost(moved)
         else:
-            lost = np.pad(lost, ((len(residual) - len(lost), 0), (0, 0)))
+            lost = np.pad(lost[: len(residual[late])], ((self.slow.settle_steps, 0), (0, 0)))
         residual = np.where(lost, np.nan, residual)
         parameters = self.parameters + self._carried(recording.load_kg, base[late], residual[late])
         base_rate = self._base_rate(values)

@@ -69,7 +69,7 @@ GLITCH = "intermittent_glitch"
 STEP_COLUMNS = ("load.mass", "load.X", "load.Z")
 WIDTH, DEEPEST, REFINED = 2, 8, 8  # of the beam: hypotheses kept, effects at most, forms tried beside each
 AGAIN = 6  # hypotheses whose columns are computed again at their magnitudes
-CORRECTIONS = 3  # rounds of columns at the magnitudes found
+CORRECTIONS = 6  # rounds of columns at the magnitudes found, at most: noise in a column delays their end
 COARSE = (0.1, 0.5, 0.9)  # positions of a shape parameter in its range that are tried first
 STEP_OF_SHAPE, FINER = 0.2, 2  # of its range; rounds, each at half the distance
 NEAR_SHAPE = 0.03  # of its range: nearer positions are the same
@@ -393,8 +393,8 @@ class Question:
     def corrected(self, applied: Sequence[tuple[int, Applied]]) -> "Question":
         """Return the question with effects, by number of their form, taken out of the readings at their sizes.
 
-        The columns of all other effects stay as they are. The sensors' noise in the residual is what a recording with
-        noise once more has, corrected likewise: a correction may neither remove noise nor make it look like an effect.
+        The columns of all other effects stay as they are. The sensors' noise in residual and columns is what a recording
+        with noise once more has, corrected likewise: a correction may neither remove noise nor make it look like an effect.
         """
         machine, layout = self.machine, self.machine.layout
         effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
@@ -411,16 +411,8 @@ class Question:
             columns[..., places] = rows.effects[..., :count]
             again.append(rows.effects[..., count:].astype(np.float64))
             rows = replace(rows, effects=columns)
-            twins = []
-            for samples in (each.recording.values[: len(each.twin)], each.twin):
-                other, twin = machine.regressors.corrected(replace(each.recording, values=samples), effects)
-                twins.append(other.residual(twin, lost))
-            noise = Blocks.whitened((twins[1] - twins[0])[..., None], machine.floor)
-            both = each.added.usable & noise.usable[: len(each.added.usable)]
-            added = np.concatenate([each.added.rows[..., :-1], noise.rows[: len(both)]], axis=-1) * both[..., None]
-            found = replace(
-                each, recording=recording, rows=rows, added=Blocks(np.asarray(added, dtype=np.float32), both)
-            )
+            added = self._corrected_noise(each, replace(each, recording=recording, rows=rows), effects, own, places)
+            found = replace(each, recording=recording, rows=rows, added=added)
             seen.append(replace(found, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
             before.append(each.shared(()))
             after.append(found.shared(()))
@@ -437,6 +429,30 @@ class Question:
             {name: getattr(self, name) for name in ("_return_levels", "_supports")}
         )  # of the readings
         return found
+
+    def _corrected_noise(
+        self, before: Seen, after: Seen, effects: Sequence[Imposed], own: Sequence[Proposal], places: Sequence[int]
+    ) -> Blocks:
+        """Return what the sensors' noise once more adds to a corrected recording.
+
+        The columns that stay have the noise of the recording as it was; the residual and the renewed columns that of the
+        corrected one, whose readings may be shifted in time.
+        own:    effects whose columns are renewed
+        places: numbers of these columns among those of the effects
+        """
+        machine, layout = self.machine, self.machine.layout
+        other, twin = machine.regressors.corrected(replace(before.recording, values=before.twin), effects)
+        noisy = other.rows(twin, own, np.isnan(before.rows.residual))
+        columns = after.rows.effects[: len(noisy.t)].copy()
+        columns[..., places] = noisy.effects[..., : len(places)]
+        noisy = replace(noisy, effects=columns)
+        change = layout.columns(noisy, twin) - layout.columns(after.rows.first(len(noisy.t)), after.recording)
+        noise = Blocks.whitened(change, machine.floor)
+        both = before.added.usable & noise.usable[: len(before.added.usable)]
+        rows = noise.rows[: len(both)].copy()
+        stay = [layout.first + k for k in range(columns.shape[-1]) if k not in places]
+        rows[..., stay] = before.added.rows[..., stay]
+        return Blocks(rows * both[..., None], both)
 
 
 def _energy_of(parts: Sequence[SharedNoise]) -> Array:
@@ -808,6 +824,25 @@ class Candidate:
         return self.hypothesis.log
 
     @property
+    def beside_contact(self) -> bool:
+        """Whether something happens in some blocks beside its effects."""
+        return self.incident is not None or self.question.laid is not None
+
+    def counted(self) -> list[Mask]:
+        """Return which rows (T,) of each recording count: those without what happens beside its effects."""
+        found, question = [], self.question
+        for n, (seen, span) in enumerate(zip(question.seen, question.spans, strict=True)):
+            count = len(seen.rows.t)
+            rows = np.ones(count, dtype=np.bool_)
+            if self.incident is not None:
+                rows = np.repeat(self.incident.sizes[slice(*span)] == 0.0, BLOCK_ROWS)[:count]
+            elif question.laid is not None and question.laid[n] is not None:
+                own = np.asarray(question.laid[n])
+                rows = np.isin(np.arange(count), own[own >= 0])
+            found.append(rows)
+        return found
+
+    @property
     def keys(self) -> frozenset[Key]:
         """Name and place of its effects; all free torques are one."""
         return frozenset(self.key(p) for p in self.hypothesis.forms)
@@ -888,12 +923,50 @@ def examined(
     if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
         held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
         candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms]
+    if not without_gap(np.array([min(c.rest for c in candidates)]))[0]:
+        single = [h for h in hypotheses if len(h.forms) == 1]
+        for base in sorted(single, key=lambda h: -h.log)[:1]:
+            candidates += _beside_contact(question, case, base, allowed)
     work = _work(question, candidates, alone)
     if work is not None:
         return _examined_at_work(question, work, wanted, gate)
     watch("effects at their magnitudes")
     candidates = _at_magnitudes(question, candidates, allowed)
     return Found(question, case, tuple(candidates), tuple(alone), gaps)
+
+
+def _beside_contact(
+    question: Question, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
+) -> list[Candidate]:
+    """Return hypotheses where the rows with contact do not count, as a hypothesis of one effect shows them.
+
+    Contact that begins within a block is no smooth force. None where there is no contact, or contact in most rows.
+    """
+    machine, size, unit = question.machine, question.size, np.append(question.unit, 1.0)
+    residual_of = case.under(base.forms, case.state(base.noise))[2] * unit
+    settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
+    laid, apart, kept, whole = list[Array | None](), 0.0, 0, 0
+    for seen, blocks in zip(question.seen, question.blocks, strict=True):
+        rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
+        usable = blocks.usable.reshape(-1, blocks.usable.shape[2])
+        lasting_rows = np.concatenate([rows[..., :size], rows[..., -1:]], axis=-1).astype(np.float64)
+        residual, loads = lasting_rows @ residual_of, rows[..., size : size + 4].astype(np.float64)
+        found = free_stretches(residual, loads, usable, np.zeros(len(rows)), typical, settle, payloads=False)
+        own = []
+        for stretch in found:
+            inside = np.arange(stretch.first, stretch.last)
+            for part in np.array_split(inside, -(-len(inside) // BLOCK_ROWS)):
+                own.append(np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]))
+            kept += stretch.last - stretch.first + 2 * settle
+        whole += len(seen.rows.t)
+        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]).astype(np.int_))
+        apart += log_of_other_rows(residual, usable, found)
+    share = 1.0 - kept / max(whole, 1)
+    if not 0.0 < share <= FEW_BLOCKS:
+        return []
+    other = replace(question, laid=tuple(laid))
+    held = replace(other.likelihood(), apart=apart)
+    return [Candidate(h, other) for h in searched(held, allowed) if h.forms]
 
 
 def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[Incident]) -> Work | None:
