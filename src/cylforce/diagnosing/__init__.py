@@ -137,9 +137,9 @@ def diagnose(
     found = examined(question, wanted, watch)
     watch("locating the gap, simulating the effects")
     diagnosis = concluded(found, rng)
+    watch("the model's own parameters")
     if identified or found.work is not None or diagnosis.verdict is Verdict.NO_GAP or diagnosis.refit.share <= HALF:
         return diagnosis
-    watch("the model's own parameters")
     refitted_diagnosis = concluded(examined(with_free_parameters(question, diagnosis.refit), wanted), rng)
     if not parameters_are_likelier(diagnosis.evidence, refitted_diagnosis.evidence):
         return diagnosis

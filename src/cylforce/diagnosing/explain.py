@@ -616,6 +616,26 @@ def worst_place(question: Question, found: Simulated) -> Picture | None:
 # Shape of an unexplained residual
 
 
+def quantities(question: Question, row: int) -> tuple[list[tuple[str, str, Array]], Array]:
+    """Return what a residual of a joint may be a function of: name, detail, values (T,); and its cylinder's direction.
+
+    The direction (T,) is -1..1.
+    """
+    machine, own = question.machine.regressors.model.machine, question.machine.regressors.model.acting[row][0]
+    rows = [s.rows for s in question.seen]
+    speed, force = np.concatenate([r.speed for r in rows]), np.concatenate([r.force for r in rows])
+    found = [
+        ("position", "", np.concatenate([r.posture[:, machine.rows[row]] for r in rows])),
+        ("speed", "", np.arcsinh(speed[:, own] / 0.01)),
+        *(
+            ("load", f"force of the {machine.cylinders[c].name} cylinder", force[:, c])
+            for c in sorted(range(len(machine.cylinders)), key=lambda c: c != own)
+        ),
+        ("time", "", np.concatenate([r.t for r in rows])),
+    ]
+    return found, np.asarray(np.tanh(speed[:, own] / 0.01))
+
+
 def unexplained_shape(question: Question, residuals: Sequence[Array]) -> dict[str, Any]:
     """Return what an unexplained residual goes with, at the joint that has most of it.
 
@@ -627,21 +647,9 @@ def unexplained_shape(question: Question, residuals: Sequence[Array]) -> dict[st
     torque = np.concatenate([e[:, row] for e in residuals])
     good = np.isfinite(torque)
     excess = max(float(np.mean(torque[good] ** 2) - floor[row] ** 2), 1e-9)
-    own = question.machine.regressors.model.acting[row][0]
-    rows = [s.rows for s in question.seen]
-    speed, force = np.concatenate([r.speed for r in rows]), np.concatenate([r.force for r in rows])
-    direction = np.tanh(speed[:, own] / 0.01)
-    quantities = [
-        ("position", "", np.concatenate([r.posture[:, machine.rows[row]] for r in rows])),
-        ("speed", "", np.arcsinh(speed[:, own] / 0.01)),
-        *(
-            ("load", f"force of the {machine.cylinders[c].name} cylinder", force[:, c])
-            for c in sorted(range(len(machine.cylinders)), key=lambda c: c != own)
-        ),
-        ("time", "", np.concatenate([r.t for r in rows])),
-    ]
+    each, direction = quantities(question, row)
     found = []
-    for name, detail, values in quantities:
+    for name, detail, values in each:
         share = _predicted_energy(torque[good], _curve(values, direction)[good], span[good] % 2) / excess
         found.append((name, detail, float(np.clip(share, 0.0, 1.0))))
     found.sort(key=lambda f: -f[2])

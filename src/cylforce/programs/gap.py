@@ -1,6 +1,6 @@
 """`cylforce gap`: why a machine differs from its model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -11,7 +11,7 @@ from cylforce.diagnosing import Diagnosis, SheetGap, gap_of_sheet
 from cylforce.diagnosing import diagnose as diagnosed
 from cylforce.diagnosing.constants import BLOCK_ROWS
 from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.model import Layout, quiet_blocks, with_proposals
+from cylforce.diagnosing.model import with_proposals
 from cylforce.diagnosing.recordings import Recording
 from cylforce.diagnosing.regressors import Regressors
 from cylforce.diagnosing.search import NO_GAP, Incident, Key
@@ -23,6 +23,7 @@ from cylforce.programs.common.gap_answer import answer, before_anything, sheet_a
 from cylforce.programs.common.gap_clocks import apart, off_clock
 from cylforce.programs.common.gap_machine import ALWAYS, SEED, Groups, known_machine
 from cylforce.programs.common.gap_question import Question, check_recordings, only_effect, reduced
+from cylforce.programs.common.gap_references import alike
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.readings import recorded_segments
 from cylforce.programs.common.recorded import SHORTEST_S, Chosen, at_own_rate, chosen
@@ -31,19 +32,16 @@ from cylforce.programs.experiments.catalogue import STILL_S
 from cylforce.programs.experiments.separation import Plan, planned, sentences
 from cylforce.programs.wording.fault_words import happening_beside
 from cylforce.readings.clocks import ClockFault, clock_faults
-from cylforce.readings.constants import CLEAR_GAP
 from cylforce.readings.faulty_sensors import faulty_sensors
 from cylforce.readings.jumps import jumping_sensors
 from cylforce.readings.noise import noise_warning, sensor_noise, usual_noise
-from cylforce.readings.outliers import References
-from cylforce.readings.recording import names_of
-from cylforce.readings.zeros import Zeros, read_zeros
 from cylforce.readings.vibration import vibration_warning, vibrations
+from cylforce.readings.zeros import Zeros, read_zeros
 from cylforce.settings.machine_file import Loaded
 
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 CLOCKS = ClockEffect().about.name
-STEPS = 10  # of a diagnosis after reading its recordings, each of which is one more
+STEPS = 9  # of a diagnosis after reading its recordings, each of which is one more
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ class _Run:
 
     def concluded(self, field: Chosen, healthy: Chosen) -> Diagnosed:
         """Return the answer for stretches of the field and of the healthy machine."""
-        model, loaded, question = self._model, self.loaded, self.question
+        model, question = self._model, self.question
         if reason := _unreadable(model, field, healthy.stretches):
             return _nothing(reason)
         self.watch("clocks", None)
@@ -123,25 +121,32 @@ class _Run:
         if late and not references:
             return Diagnosed(off_clock([*late, *odd]))
         self.watch("references", None)
-        alike = _alike(model, references, healthy.short, field.stretches)
-        if question.healthy and not alike.kept and not (question.identified or question.usual):
-            return _nothing(f"no reference is left: {'; '.join([*([apart(odd)] if odd else []), *alike.warnings])}")
+        same = alike(model, references, healthy.short, field.stretches)
+        if question.healthy and not same.kept and not (question.identified or question.usual):
+            return _nothing(f"no reference is left: {'; '.join([*([apart(odd)] if odd else []), *same.warnings])}")
         moving = _moving_seconds(model, field.stretches)
         if moving < MOVING_S:
             return _nothing(f"only {moving:.0f} s of usable motion: move every joint both ways, slowly and fast")
-        groups = Groups(field.stretches, alike.kept)
-        known = known_machine(loaded, question, groups, self.library, self.watch, self.cache)
-        warnings = [_left_out(odd, others=bool(alike.kept)), *alike.warnings]
+        warnings = [_left_out(odd, others=bool(same.kept)), *same.warnings]
+        return self._compared(Groups(field.stretches, same.kept), warnings, late)
+
+    def _compared(self, groups: Groups, warnings: Sequence[str], late: Sequence[ClockFault]) -> Diagnosed:
+        """Return the answer for recordings that are sound.
+
+        warnings: sentences so far
+        late:     clock faults of the field
+        """
+        loaded = self.loaded
+        known = known_machine(loaded, self.question, groups, self.library, self.watch, self.cache)
         if known is None:
-            return self._sheet(field.stretches, warnings, late)
+            return self._sheet(groups.field, warnings, late)
         rng, rate_hz = np.random.default_rng(SEED), loaded.service.filters.rate_hz
-        jumps = jumping_sensors(loaded.service.machine, field.stretches, alike.kept, rate_hz)
+        jumps = jumping_sensors(loaded.service.machine, groups.field, groups.healthy, rate_hz)
         jumps = tuple(each for each in jumps if self._wanted(each.proposal))
         zeros = self._zeros()
-        machine = with_proposals(known.machine, [each.proposal for each in jumps])
         found = diagnosed(
-            machine,
-            field.stretches,
+            with_proposals(known.machine, [each.proposal for each in jumps]),
+            groups.field,
             rng,
             self._wanted,
             lambda doing: self.watch(doing, None),
@@ -152,15 +157,14 @@ class _Run:
         if late and not _named_first(found, CLOCKS):
             return Diagnosed(off_clock(late))
         self.watch("what to record next", None)
-        whole = answer(found)
         plan = planned(found.evidence)
+        whole = answer(found) | _readings(loaded, groups)
         whole["next_experiment"] = [*before_anything(whole), *sentences(plan), *whole["next_experiment"]]
-        whole |= _readings(loaded, groups)
         beside = happening_beside(loaded.service.machine, *_beside(found))
         clocks = apart(late) if late else ""
-        warnings += [*known.warnings, *zeros.warnings, *found.refuted, beside, clocks, *_reading_warnings(loaded, groups)]
-        whole["warnings"] = [text for text in warnings if text]
-        return Diagnosed(whole, found, plan=plan)
+        texts = [*warnings, *known.warnings, *zeros.warnings, *found.refuted, beside, clocks]
+        texts += _reading_warnings(loaded, groups)
+        return Diagnosed(whole | {"warnings": [text for text in texts if text]}, found, plan=plan)
 
     def _sheet(self, field: Sequence[Recording], warnings: Sequence[str], late: Sequence[ClockFault]) -> Diagnosed:
         """Return the answer where only a data sheet is known: identify the machine first."""
@@ -244,93 +248,6 @@ def _moving_seconds(model: Model, recordings: Sequence[Recording]) -> float:
     regressors = Regressors(model, model.prior.mean)
     rows = sum(int(np.sum(np.isfinite(regressors.rows(each, ()).residual))) for each in recordings)
     return rows / regressors.rows_hz
-
-
-@dataclass(frozen=True)
-class _Alike:
-    """References that are alike.
-
-    kept:     recordings that count
-    warnings: sentences about the others
-    """
-
-    kept: list[Recording]
-    warnings: list[str]
-
-
-def _alike(
-    model: Model, recordings: Sequence[Recording], short: Mapping[str, str], field: Sequence[Recording]
-) -> _Alike:
-    """Return the references whose sensors are sound and that are alike."""
-    faulty = faulty_sensors(model, recordings, field)
-    kept = [each for each in recordings if each.name not in {sensor.name for sensor in faulty}]
-    compared = _Compared.of(model, kept)
-    unlike = compared.references.outliers()
-    warnings = [
-        f"{name} has no gapless stretch of {SHORTEST_S:.0f} s{f' ({why})' if why else ''}: left out of the references"
-        for name, why in short.items()
-    ]
-    warnings += [f"{sensor.sentence}; it is left out of the references" for sensor in faulty]
-    warnings += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
-    kept = [each for each in kept if each.name not in unlike]
-    warnings += _mostly_work(compared, names_of(kept)) or _contradicting(compared, names_of(kept))
-    return _Alike(kept, warnings)
-
-
-@dataclass(frozen=True)
-class _Compared:
-    """References beside each other.
-
-    references: their products, in the blocks without contact and unknown loads
-    total_s:    seconds of each recording, by name
-    counted_s:  seconds of these blocks, by name
-    """
-
-    references: References
-    total_s: Mapping[str, float]
-    counted_s: Mapping[str, float]
-
-    @classmethod
-    def of(cls, model: Model, recordings: Sequence[Recording]) -> "_Compared":
-        """Return recordings compared."""
-        regressors, layout = Regressors(model, np.zeros(len(model.parameters))), Layout(model, ())
-        rows = [regressors.rows(each, ()) for each in recordings]
-        count, load = len(model.parameters), slice(layout.size + 1, layout.size + 4)
-        columns, total, counted = [], dict[str, float](), dict[str, float]()
-        quiet = quiet_blocks(layout, rows, recordings) if rows else []
-        for each, own, kept in zip(recordings, rows, quiet, strict=True):
-            whole = layout.columns(own, each)
-            centre = whole[..., load] * float(each.load_kg > 0.0)
-            on = np.repeat(kept, BLOCK_ROWS)[: len(own.t)]
-            torque = np.where(on[:, None, None], whole[..., -1:], np.nan)
-            columns.append((each.name, np.concatenate([whole[..., :count], centre, torque], axis=-1)))
-            total[each.name] = total.get(each.name, 0.0) + len(on) / regressors.rows_hz
-            counted[each.name] = counted.get(each.name, 0.0) + float(np.sum(on)) / regressors.rows_hz
-        return cls(References.of(model.prior, columns), total, counted)
-
-
-def _mostly_work(compared: _Compared, names: Sequence[str]) -> list[str]:
-    """Return sentences about references of which nearly all looks like work beside the others."""
-    said = []
-    for name in names if len(names) > 1 else ():
-        total, counted = compared.total_s[name], compared.counted_s[name]
-        if counted < SHORTEST_S < total:
-            said.append(
-                f"of {name} only {counted:.0f} of {total:.0f} s tell of the machine: beside the other references, the "
-                "rest looks like contact or unknown loads; if there were none, these references contradict each other"
-            )
-    return said
-
-
-def _contradicting(compared: _Compared, names: Sequence[str]) -> list[str]:
-    """Return a sentence on two references of which a common fit leaves far more than one of each."""
-    references = References(compared.references.prior, {n: compared.references.grams[n] for n in names})
-    times = references.contradiction()
-    if times < CLEAR_GAP:
-        return []
-    both = " and ".join(names)
-    told = f"{both} contradict each other: at a joint they leave {times:.0f} times as much together as by themselves"
-    return [f"{told}; one of them is not in order, or its load is not as said: leave it out, or add another reference"]
 
 
 def _left_out(odd: Sequence[ClockFault], *, others: bool) -> str:

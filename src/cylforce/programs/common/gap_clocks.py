@@ -44,13 +44,14 @@ def _late(lag: float) -> str:
 
 def _effect(fault: ClockFault) -> dict[str, Any]:
     value, error = fault.largest
+    begin, end = f"{fault.first:.2f} s at {fault.begins:.0f} s", f"{fault.last:.2f} s at {fault.ends:.0f} s"
     about = ClockEffect().about
     size = {"value": value, "low": value - INTERVAL * error, "high": value + INTERVAL * error, "unit": about.unit}
     return {
         "name": about.name,
         "at": "machine",
         "sensors": list(fault.sensors),
-        "when": f"{fault.first:.2f} s at {fault.begins:.0f} s, {fault.last:.2f} s at {fault.ends:.0f} s of {fault.name}",
+        "when": f"{begin}, {end} of {fault.name}",
         "parameters": {"size": size},
         "shape": {},
         "confidence": min(fault.probability, HIGHEST_CONFIDENCE),

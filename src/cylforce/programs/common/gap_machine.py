@@ -1,7 +1,7 @@
 """What `cylforce gap` compares the field with: one healthy machine, known in one of several ways.
 
-Recordings of the healthy machine (--reference), recordings of the user's own simulation (--simulation), an identification
-(--identified), what is usual for the type (--usual). A data sheet alone is no healthy machine."""
+Recordings of the healthy machine (--reference), recordings of the user's own simulation (--simulation), an
+identification (--identified), what is usual for the type (--usual). A data sheet alone is no healthy machine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -116,7 +116,7 @@ def arrays_of(machine: HealthyMachine) -> dict[str, NDArray[Any]]:
         "references": np.array(machine.references),
         "loaded": np.array(machine.loaded),
         "return_sensors": np.array(sensors, dtype=np.int64),
-        "return_values": np.array([law.values for law in laws]).reshape(len(laws), -1),
+        "return_values": np.array([law.values for law in laws]),
         "return_covariances": np.array([law.covariance for law in laws]),
         "return_scatters": np.array([law.scatter for law in laws]),
     }

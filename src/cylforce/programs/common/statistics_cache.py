@@ -1,7 +1,7 @@
 """What was learnt of references, kept from one diagnosis to the next in a folder of the user's cache.
 
-Learning is half of the work of a diagnosis, and the references of a machine stay the same. A file that is broken, or that
-cannot be written, counts for nothing."""
+Learning is half of the work of a diagnosis, and the references of a machine stay the same. A file that is broken, or
+that cannot be written, counts for nothing."""
 
 import os
 import zipfile

@@ -90,7 +90,7 @@ def usual_parameters(path: Path, machine: Machine) -> tuple[tuple[str, float, fl
 
 
 def everyday_of(path: Path, machine: Machine) -> Mapping[str, float]:
-    """Return the run-to-run variation of a type, of an effect's least plausible size, by its name. Raises SettingsError."""
+    """Return the run-to-run variation of a type, of effects' least plausible sizes, by name. Raises SettingsError."""
     return everyday_from(read_usual(path, machine))
 
 

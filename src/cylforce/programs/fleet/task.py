@@ -20,9 +20,9 @@ from cylforce.files.logreader import with_ticks
 from cylforce.files.recording import Events, open_pieces, sensor_frames
 from cylforce.fleet.coordinates import followed_model
 from cylforce.fleet.evidence import Evidence, evidence
+from cylforce.programs.common.program_code import program
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
-from cylforce.programs.common.program_code import program
 from cylforce.programs.fleet.store import stamp_of, stored_path
 from cylforce.programs.replay import replay
 from cylforce.readings.recording import Recording
@@ -30,7 +30,18 @@ from cylforce.service.step import Core
 from cylforce.settings.machine_file import Loaded, load_text
 
 PIECE = 1 << 20  # bytes that are read at once for the hash
-ROOMS = ("signals", "mechanics", "effects", "estimation", "service", "commissioning", "readings", "diagnosing", "fleet", "files")
+ROOMS = (
+    "signals",
+    "mechanics",
+    "effects",
+    "estimation",
+    "service",
+    "commissioning",
+    "readings",
+    "diagnosing",
+    "fleet",
+    "files",
+)
 OK, DOUBTFUL, WORK, FAILED, CHANGED = "ok", "doubtful", "at work", "failed", "changed while read"
 
 

@@ -1,5 +1,7 @@
 """The parameters of the model in words: what each is, and which motion determines it. Pure."""
 
+from cylforce.programs.wording.fault_words import number
+
 # What a parameter is, and which motion determines it, by the end of its name.
 MEANING = {
     "J": ("inertia about its pin", "start and stop {0} briskly, both ways"),
@@ -46,4 +48,4 @@ def parameter_error(name: str, unit: str, model: float, machine: float) -> str:
         share = 100.0 * (model - machine) / machine
         return f"the {place} is {abs(share):.0f} % {WEIGHT[law][share < 0.0]}"
     word = "large" if model > machine else "small"
-    return f"the {meaning(name)} of the {place} is {abs(model - machine):.3g} {unit} too {word}"
+    return f"the {meaning(name)} of the {place} is {number(abs(model - machine))} {unit} too {word}"

@@ -54,18 +54,26 @@ class Plain(NamedTuple):
 
 def plain(machine: Machine, answer: dict[str, Any]) -> Plain:
     """Return what is wrong, how much, where, how sure, what else it may be, what it does, what to do next."""
-    points = (
-        Paragraph("Its model", _wrong_parameters(answer)),
+    points = [Paragraph("Its model", _wrong_parameters(answer))]
+    if "identify_first" not in answer or answer["effects"]:
+        points += _of_the_cause(machine, answer)
+    points += [
+        Paragraph("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
+        Paragraph(NEXT, _next(answer)),
+    ]
+    return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
+
+
+def _of_the_cause(machine: Machine, answer: dict[str, Any]) -> list[Paragraph]:
+    """Return what is said of the cause, or of a difference without one."""
+    return [
         Paragraph("How much", _sizes(machine, answer)),
         Paragraph("Where", _where(answer)),
         Paragraph("How sure", _sure(answer)),
         Paragraph("It may also be" if answer["effects"] else "It may be", _others(machine, answer)),
         Paragraph("What it does", _harm(answer)),
         Paragraph("Once corrected" if answer["effects"] else "How large", _shrinks(answer)),
-        Paragraph("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
-        Paragraph(NEXT, _next(answer)),
-    )
-    return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
+    ]
 
 
 def _wrong_parameters(answer: dict[str, Any]) -> Lines:
