@@ -342,8 +342,8 @@ def run_guided(
     if not _recorded(loaded, bus, still, STILL_WORDS, STILL_S, console, moving=False):
         return False
     question = question._replace(still=still)
-    motion: Motion | None = checkup(machine)[0]
-    while motion is not None and len(steps) < len(checkup(machine)) + MOST_FURTHER:
+    motion, checked = checkup(machine)[0], None
+    while len(steps) < len(checkup(machine)) + MOST_FURTHER:
         path = folder / f"{len(steps) + 1}.log"
         if not _recorded(loaded, bus, path, motion.words, motion.scene.duration, console):
             return False
@@ -352,11 +352,13 @@ def run_guided(
         with progress_bar() as watch:
             step, checked = concluded(machine, question, diagnose(loaded, question, LIBRARY, watch, cache))
         steps.append(step)
-        checked, motion = replace(checked, steps=tuple(steps)), checked.next
+        checked = replace(checked, steps=tuple(steps))
         console.print(Text(line_of(machine, len(steps), checked)), soft_wrap=True)
-        if checked.end is not End.OPEN:
+        if checked.end is not End.OPEN or checked.next is None:
             break
-    _finish(machine, checked, outputs, console)
+        motion = checked.next
+    if checked is not None:
+        _finish(machine, checked, outputs, console)
     return True
 
 
