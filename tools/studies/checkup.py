@@ -177,6 +177,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=8)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--faulty", action="store_true", help="no healthy machines")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -185,10 +186,14 @@ def main() -> None:
     while len(orders) < options.cases:
         each = order(options.seed, number, development=True)
         number += 1
-        if each.kind in ("known", "none") and not each.two_links and drawn_repertoire(each.machine).references:
+        kinds = ("known",) if options.faulty else ("known", "none")
+        if each.kind in kinds and not each.two_links and drawn_repertoire(each.machine).references:
             orders.append(replace(each, clutter=False))
     with ProcessPoolExecutor(options.workers) as pool:
-        found = list(pool.map(closed_loop, orders))
+        found = []
+        for outcome in pool.map(closed_loop, orders):
+            print(outcome, flush=True)
+            found.append(outcome)
     console = Console(highlight=False, width=140)
     table = Table(title=f"closed loop, seed {options.seed}")
     for column in ("case", "hidden", "after the first recording", "at the end", "motions", "decided", "right"):
