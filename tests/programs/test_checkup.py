@@ -19,6 +19,9 @@ from cylforce.files.tables import Table, write_table
 from cylforce.programs.checkup import End, Outputs, check_recordings_of, run_checkup, sentences_of
 from cylforce.programs.common.gap_question import Question
 from cylforce.programs.experiments.catalogue import checkup
+from cylforce.programs.experiments.motions import read_scene
+from cylforce.programs.gap import Diagnosed
+from cylforce.programs.gap_output import write_next_motion
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import cycles, moves
 from cylforce.simulation.sensing import run, sensors
@@ -105,11 +108,22 @@ def test_zeros_read_without_pressure_are_part_of_the_question(rig):
     assert not found.still_next
 
 
-def test_a_working_machine_is_first_asked_to_stop(rig):
+def test_a_working_machine_is_asked_to_stop_and_gets_a_motion_in_the_air(rig, tmp_path):
+    """Either the recording decides although the machine digs, or the first advice is to stop."""
     found = rig.checked(rig.record("work", "work", 6, imposed(MACHINE, "coulomb_friction", "stick", 4000.0)))
+    assert found.end in (End.CERTAIN, End.OPEN)
     if found.end is End.OPEN:
-        assert found.next is not None
-        assert "stop working" in " ".join(sentences_of(MACHINE, found))
+        assert found.next.words == checkup(MACHINE)[0].words
+        assert found.found.plan.stop_first == ("stop working" in " ".join(sentences_of(MACHINE, found)))
+        path = tmp_path / "next.csv"
+        if found.found.plan.stop_first:
+            write_next_motion(path, found.found, MACHINE)
+            assert read_scene(path, MACHINE).duration == pytest.approx(120.0, abs=0.1)
+
+
+def test_a_motion_that_would_not_help_is_not_written(tmp_path):
+    with pytest.raises(RecordingError, match="is not written: no motion of the catalogue"):
+        write_next_motion(tmp_path / "next.csv", Diagnosed({"verdict": "no_gap"}), MACHINE)
 
 
 def test_a_healthy_machine_ends_the_check_up_and_the_answer_is_written_as_json(rig, tmp_path):
