@@ -94,7 +94,8 @@ class Separation:
         """Columns (T, R, K) of the candidates in the present recordings."""
         regressors = self.question.machine.regressors
         each = self.question.seen
-        return [regressors.rows(s.recording, self._wanted, np.isnan(s.rows.residual)).effects for s in each]
+        found = (regressors.rows(s.recording, self._wanted, np.isnan(s.rows.residual)).effects for s in each)
+        return [effects.astype(np.float64) for effects in found]
 
     def recorded(self) -> Array:
         """Information (K, K) on the candidates' sizes in the present recordings."""
@@ -106,7 +107,7 @@ class Separation:
         """The same in a recording of a motion, as long as the present ones."""
         recording = Recording(motion.words, self._values(motion), motion.load, motion.after)
         rows = self.question.machine.regressors.rows(recording, self._wanted)
-        information, loads = self._told(rows.base, rows.effects, rows.residual, motion.load)
+        information, loads = self._told(rows.base, rows.effects.astype(np.float64), rows.residual, motion.load)
         return self._marginal(information * self.seconds / SECONDS, loads)
 
     @cached_property
