@@ -11,7 +11,7 @@ from cylforce.can.clock import now_us
 from cylforce.canopen.devices import own_node
 from cylforce.canopen.network import Network
 from cylforce.canopen.node import SILENT
-from cylforce.diagnosing.decide import Verdict
+from cylforce.diagnosis.decide import Verdict
 from cylforce.effects.fault import shapes
 from cylforce.effects.library import LIBRARY
 from cylforce.estimation.filters import Filter

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.constants import CREDIBLE
+from cylforce.diagnosis.constants import CREDIBLE
 from cylforce.fleet.causes import Culprit
 from cylforce.fleet.changes import Shape, changes
 from cylforce.fleet.courses import course

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cylforce.diagnosing.explain import WIDEST
-from cylforce.diagnosing.model import REGIMES
+from cylforce.diagnosis.explain import WIDEST
+from cylforce.diagnosis.model import REGIMES
 from cylforce.effects.imposed import imposed
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.files.tables import Table, read_table, write_table
@@ -33,7 +33,7 @@ LOADED = load(MACHINE)
 OFFSET = 0.02  # rad
 ASKED = "angle_offset@stick_angle"
 VERDICTS = {"no_gap", "explained", "partly_explained", "ambiguous", "unknown", "not_observable"}
-SECTIONS = ["verdict", "next", "causes", "evidence", "waterfall", "where", "signatures", "friction"]
+SECTIONS = ["verdict", "next", "causes", "evidence", "waterfall", "pressures", "where", "signatures", "friction"]
 SECTIONS += ["confusions", "least", "provenance"]
 FIGURES = {"evidence", "waterfall", "where", "pressures", "signatures", "friction"}
 

@@ -6,9 +6,9 @@ import tomllib
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.model import HealthyMachine
-from cylforce.diagnosing.model import identified as from_identification
-from cylforce.diagnosing.regressors import Regressors
+from cylforce.diagnosis.model import HealthyMachine
+from cylforce.diagnosis.model import identified as from_identification
+from cylforce.diagnosis.regressors import Regressors
 from cylforce.effects.imposed import imposed
 from cylforce.effects.library import LIBRARY
 from cylforce.estimation.model import FRICTION, Model

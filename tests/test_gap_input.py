@@ -4,7 +4,7 @@ file; never a confident name. (Files that cannot be read, and recordings too sho
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.regressors import Regressors
+from cylforce.diagnosis.regressors import Regressors
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError

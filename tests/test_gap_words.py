@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.model import REGIMES
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.model import REGIMES
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.programs.gap_output import show
 from cylforce.programs.wording.fault_words import TOLD, WORDS, amount, fault, happening_beside, place

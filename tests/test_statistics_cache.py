@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.model import HealthyMachine, Source
+from cylforce.diagnosis.model import HealthyMachine, Source
 from cylforce.effects.library import LIBRARY
 from cylforce.estimation.model import Model
 from cylforce.programs.common.gap_machine import ALWAYS, learnt_machine

@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 
-from cylforce.diagnosing import Diagnosis, diagnose, question_of
-from cylforce.diagnosing.model import HealthyMachine, Source, fitted_parameters, learnt
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors
-from cylforce.diagnosing.search import Key, Question
+from cylforce.diagnosis import Diagnosis, diagnose, question_of
+from cylforce.diagnosis.model import HealthyMachine, Source, fitted_parameters, learnt
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors
+from cylforce.diagnosis.search import Key, Question
 from cylforce.effects.imposed import Imposed, imposed
 from cylforce.effects.library import LIBRARY, Proposal, proposals
 from cylforce.effects.unknown import UNKNOWN_TORQUES

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, POLYNOMIALS
-from cylforce.diagnosing.likelihood import DECAY, Form, Likelihood, Machine, ResidualNoise
-from cylforce.diagnosing.statistics import Blocks, Gram, SharedNoise, polynomials
+from cylforce.diagnosis.constants import BLOCK_ROWS, POLYNOMIALS
+from cylforce.diagnosis.likelihood import DECAY, Form, Likelihood, Machine, ResidualNoise
+from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise, polynomials
 
 BLOCKS, JOINTS, COLUMNS = 40, 2, 4
 PARAMETERS = (0.5, -0.3)  # of the healthy machine: the first two columns

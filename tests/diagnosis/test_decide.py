@@ -6,10 +6,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.constants import CORRELATED_ROWS, FEW_BLOCKS, HEALTHY, SAME_EVIDENCE, SAME_MACHINE, UNKNOWN_EFFECT
-from cylforce.diagnosing.decide import Evidence, Verdict, costs, first_effect, one_answer
-from cylforce.diagnosing.likelihood import Form, Hypothesis, ResidualNoise
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Candidate, Found, Incident
+from cylforce.diagnosis.constants import (
+    CORRELATED_ROWS,
+    FEW_BLOCKS,
+    HEALTHY,
+    SAME_EVIDENCE,
+    SAME_MACHINE,
+    UNKNOWN_EFFECT,
+)
+from cylforce.diagnosis.decide import Evidence, Verdict, costs, first_effect, one_answer
+from cylforce.diagnosis.likelihood import Form, Hypothesis, ResidualNoise
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Found, Incident
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 
 MASS, MOMENT, OTHER = ("extra_mass", "boom"), ("first_moment_change", "boom"), ("pressure_gain", "boom_head_pressure")

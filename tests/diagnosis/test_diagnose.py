@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing import diagnose
-from cylforce.diagnosing.constants import HALF
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN
+from cylforce.diagnosis import diagnose
+from cylforce.diagnosis.constants import HALF
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from diagnosis.scenes import MACHINE, diagnosed, dug, effect, healthy_machine, names, recorded
 
 FIELD, CHECK_UP = 5, 6  # seeds of recordings that nothing was learnt from

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing import question_of
-from cylforce.diagnosing.constants import HALF, LEAST_CLOSURE, SAME_MACHINE
-from cylforce.diagnosing.explain import (
+from cylforce.diagnosis import question_of
+from cylforce.diagnosis.constants import HALF, LEAST_CLOSURE, SAME_MACHINE
+from cylforce.diagnosis.explain import (
     Refit,
     Simulation,
     blocks_of,
@@ -24,8 +24,8 @@ from cylforce.diagnosing.explain import (
     where,
     worst_place,
 )
-from cylforce.diagnosing.regressors import Regressors
-from cylforce.diagnosing.statistics import rms
+from cylforce.diagnosis.regressors import Regressors
+from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import FRICTION, Model

@@ -8,8 +8,16 @@ from scipy.integrate import quad
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, CARRY_BACK, CORRELATED_ROWS, INCIDENT, PAYLOAD, POLYNOMIALS, SAME_MACHINE
-from cylforce.diagnosing.likelihood import (
+from cylforce.diagnosis.constants import (
+    BLOCK_ROWS,
+    CARRY_BACK,
+    CORRELATED_ROWS,
+    INCIDENT,
+    PAYLOAD,
+    POLYNOMIALS,
+    SAME_MACHINE,
+)
+from cylforce.diagnosis.likelihood import (
     DECAY,
     LEVELS,
     Form,
@@ -24,9 +32,23 @@ from cylforce.diagnosing.likelihood import (
     likeliest_noise,
     log_prior_of_blocks,
 )
-from cylforce.diagnosing.statistics import Blocks, Gram, SharedNoise
+from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise
 from cylforce.effects.fault import BEYOND
-from diagnosis.synthetic import BASIS, BLOCKS, COLUMNS, HIGH, JOINTS, LOW, PARAMETERS, UNIT, USUAL, blocks, gram, likelihood, rows
+from diagnosis.synthetic import (
+    BASIS,
+    BLOCKS,
+    COLUMNS,
+    HIGH,
+    JOINTS,
+    LOW,
+    PARAMETERS,
+    UNIT,
+    USUAL,
+    blocks,
+    gram,
+    likelihood,
+    rows,
+)
 
 SEED = 5
 NOISE = ResidualNoise(np.array([0.7, 2.0]), np.array([1.1, 0.8]))

@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 
 from cylforce.commissioning.identification import identify
-from cylforce.diagnosing import diagnose, question_of
-from cylforce.diagnosing.constants import BLOCK_ROWS, CREEP_CHANGE, STATIC_CHANGE, VARYING_CHANGE
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.model import (
+from cylforce.diagnosis import diagnose, question_of
+from cylforce.diagnosis.constants import BLOCK_ROWS, CREEP_CHANGE, STATIC_CHANGE, VARYING_CHANGE
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.model import (
     CREEP,
     REGIMES,
     VARYING,
     Source,
-    forms_of,
     fitted_parameters,
+    forms_of,
     identified,
     noise_of_sensors,
     quiet_blocks,
     regime,
 )
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors, typical_incidents
-from cylforce.diagnosing.statistics import rms
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors, typical_incidents
+from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import INCIDENTAL
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import FRICTION, Model

@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cylforce import diagnosing
-from cylforce.diagnosing.decide import Evidence
-from cylforce.diagnosing.model import HealthyMachine, fitted_parameters, learnt
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors
-from cylforce.diagnosing.search import NO_GAP, examined
+from cylforce import diagnosis
+from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.model import HealthyMachine, fitted_parameters, learnt
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors
+from cylforce.diagnosis.search import NO_GAP, examined
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
 from cylforce.effects.friction.viscous_friction import ViscousFriction
 from cylforce.effects.geometry.linkage_geometry import LinkageGeometry
@@ -64,7 +64,7 @@ def healthy() -> HealthyMachine:
 
 
 def posterior(*recordings: Recording) -> dict[tuple[str, str], float]:
-    question = diagnosing.question_of(healthy(), recordings, np.random.default_rng(1))
+    question = diagnosis.question_of(healthy(), recordings, np.random.default_rng(1))
     return Evidence(examined(question, lambda _: True)).posterior
 
 

@@ -8,10 +8,10 @@ from math import radians
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, ROWS_HZ
-from cylforce.diagnosing.model import Layout, fitted_parameters
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors, courses
+from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
+from cylforce.diagnosis.model import Layout, fitted_parameters
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors, courses
 from cylforce.effects.fault import SHAPES, Alteration, Distortion, TimeCourse
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.friction.stribeck import Stribeck

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, ROWS_HZ
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Rows, return_evidence, return_laws, return_levels
+from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Rows, return_evidence, return_laws, return_levels
 from cylforce.effects.library import Proposal
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_offset import PressureOffset

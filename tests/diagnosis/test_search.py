@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosing import question_of
-from cylforce.diagnosing.constants import BLOCK_ROWS, ROWS_HZ
-from cylforce.diagnosing.decide import Evidence
-from cylforce.diagnosing.likelihood import likeliest_noise
-from cylforce.diagnosing.search import (
+from cylforce.diagnosis import question_of
+from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
+from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.likelihood import likeliest_noise
+from cylforce.diagnosis.search import (
     CONTACT,
     NO_GAP,
     UNKNOWN,
@@ -23,7 +23,7 @@ from cylforce.diagnosing.search import (
     searched,
     without_gap,
 )
-from cylforce.diagnosing.statistics import Gram, rms
+from cylforce.diagnosis.statistics import Gram, rms
 from diagnosis import synthetic
 from diagnosis.scenes import PROPOSALS, asked, diagnosed, dug, effect, healthy_machine, learnt_from, recorded
 

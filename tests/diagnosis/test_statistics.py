@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, MEMORY, POLYNOMIALS
-from cylforce.diagnosing.statistics import (
+from cylforce.diagnosis.constants import BLOCK_ROWS, MEMORY, POLYNOMIALS
+from cylforce.diagnosis.statistics import (
     FEWEST_ROWS,
     STATIONARY,
     Blocks,

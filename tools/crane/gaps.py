@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosing.explain import Cause
+from cylforce.diagnosis.explain import Cause
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosing.constants import CREDIBLE
+from cylforce.diagnosis.constants import CREDIBLE
 from cylforce.fleet import fleet as module
 from cylforce.fleet.causes import Culprit
 from cylforce.fleet.changes import Altered, Shape, changes

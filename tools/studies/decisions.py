@@ -17,8 +17,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.programs.common.gap_question import Question
 from cylforce.programs.gap import diagnose
 from cylforce.settings.machine_file import load

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosing.constants import CREDIBLE, HEALTHY, INCIDENT
+from cylforce.diagnosis.constants import CREDIBLE, HEALTHY, INCIDENT
 from cylforce.fleet.causes import FRICTIONS, UNKNOWN, Culprit
 from cylforce.fleet.history import History
 from cylforce.signals.estimate import Array

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosing.constants import CREEP_CHANGE, VARYING_CHANGE
-from cylforce.diagnosing.model import CREEP
+from cylforce.diagnosis.constants import CREEP_CHANGE, VARYING_CHANGE
+from cylforce.diagnosis.model import CREEP
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.stribeck import Stribeck

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from cylforce.commissioning.explained import row_noise
 from cylforce.commissioning.wiring import MISFIT, misfit
-from cylforce.diagnosing.constants import ROWS_HZ
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors, Rows
+from cylforce.diagnosis.constants import ROWS_HZ
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors, Rows
 from cylforce.effects.library import Proposal
 from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import Factors, factors, joined, of_row, stacked_triangle

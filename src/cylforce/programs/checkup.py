@@ -19,9 +19,9 @@ from cylforce.can.bus import BusError
 from cylforce.can.clock import now_us
 from cylforce.can.opening import open_shared_bus
 from cylforce.commissioning.guidance import Guide
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.model import Seen
-from cylforce.diagnosing.search import Key
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.model import Seen
+from cylforce.diagnosis.search import Key
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.files.atomic import RecordingError, replacing
 from cylforce.files.logfile import LogWriter

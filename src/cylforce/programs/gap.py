@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosing import Diagnosis, SheetGap, gap_of_sheet
-from cylforce.diagnosing import diagnose as diagnosed
-from cylforce.diagnosing.constants import BLOCK_ROWS
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.model import with_proposals
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors
-from cylforce.diagnosing.search import NO_GAP, Incident, Key
+from cylforce.diagnosis import Diagnosis, SheetGap, gap_of_sheet
+from cylforce.diagnosis import diagnose as diagnosed
+from cylforce.diagnosis.constants import BLOCK_ROWS
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.model import with_proposals
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors
+from cylforce.diagnosis.search import NO_GAP, Incident, Key
 from cylforce.effects.incidents.clock_fault import ClockFault as ClockEffect
 from cylforce.effects.library import LIBRARY, UNKNOWN, Group, Proposal
 from cylforce.estimation.model import Model

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cylforce.diagnosing.explain import blocks_of
+from cylforce.diagnosis.explain import blocks_of
 from cylforce.files.atomic import RecordingError, replacing
 from cylforce.files.motion_table import write_motion
 from cylforce.mechanics.machine import Machine

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce import diagnosing
-from cylforce.diagnosing.decide import Evidence
-from cylforce.diagnosing.model import HealthyMachine, fitted_parameters, learnt
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors
-from cylforce.diagnosing.search import NO_GAP, examined
+from cylforce import diagnosis
+from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.model import HealthyMachine, fitted_parameters, learnt
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors
+from cylforce.diagnosis.search import NO_GAP, examined
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
 from cylforce.effects.imposed import imposed
 from cylforce.effects.library import Proposal, proposals
@@ -53,7 +53,7 @@ def healthy() -> HealthyMachine:
 
 def diagnosed(*effects, zeros=None) -> Evidence:
     field = [recorded("field", 3, effects)]
-    question = diagnosing.question_of(healthy(), field, np.random.default_rng(1), zeros=zeros)
+    question = diagnosis.question_of(healthy(), field, np.random.default_rng(1), zeros=zeros)
     return Evidence(examined(question, lambda _: True))
 
 

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosing import Diagnosis, Named, SheetGap
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.explain import Refit, Spot, force_error, smallest_detectable, weight_error
-from cylforce.diagnosing.model import Source
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Key, Question
-from cylforce.diagnosing.statistics import rms
+from cylforce.diagnosis import Diagnosis, Named, SheetGap
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.explain import Refit, Spot, force_error, smallest_detectable, weight_error
+from cylforce.diagnosis.model import Source
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Key, Question
+from cylforce.diagnosis.statistics import rms
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.units import BAR

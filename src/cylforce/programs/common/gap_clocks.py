@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.explain import INTERVAL
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.explain import INTERVAL
 from cylforce.effects.incidents.clock_fault import ClockFault as ClockEffect
 from cylforce.readings.clocks import ClockFault
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cylforce.diagnosing.model import (
+from cylforce.diagnosis.model import (
     HealthyMachine,
     Source,
     fitted_parameters,
@@ -18,9 +18,9 @@ from cylforce.diagnosing.model import (
     with_proposals,
     with_variation,
 )
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors
-from cylforce.diagnosing.statistics import rms
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors
+from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
 from cylforce.effects.unknown import UNKNOWN_TORQUES
 from cylforce.estimation.model import FRICTION, Model, Tares

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.diagnosing.constants import BLOCK_ROWS
-from cylforce.diagnosing.model import CENTRE, Layout, quiet_blocks
-from cylforce.diagnosing.regressors import Regressors, Rows
-from cylforce.diagnosing.statistics import Mask
+from cylforce.diagnosis.constants import BLOCK_ROWS
+from cylforce.diagnosis.model import CENTRE, Layout, quiet_blocks
+from cylforce.diagnosis.regressors import Regressors, Rows
+from cylforce.diagnosis.statistics import Mask
 from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import SHORTEST_S
 from cylforce.readings.constants import CLEAR_GAP

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cylforce
-from cylforce.diagnosing.likelihood import Machine, ResidualNoise
-from cylforce.diagnosing.model import HealthyMachine, Layout, Source
-from cylforce.diagnosing.regressors import Regressors, ReturnLaw
-from cylforce.diagnosing.statistics import NoiseFloor
+from cylforce.diagnosis.likelihood import Machine, ResidualNoise
+from cylforce.diagnosis.model import HealthyMachine, Layout, Source
+from cylforce.diagnosis.regressors import Regressors, ReturnLaw
+from cylforce.diagnosis.statistics import NoiseFloor
 from cylforce.effects.library import Proposal
 from cylforce.estimation.model import Model, Tares
 from cylforce.files.atomic import replacing

@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from cylforce.diagnosing.model import HealthyMachine, Source
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import Regressors
+from cylforce.diagnosis.model import HealthyMachine, Source
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors
 from cylforce.effects.library import Proposal
 from cylforce.programs.common.machine_statistics import arrays_of, machine_of
 from cylforce.programs.common.program_code import file_digest, program
 from cylforce.signals.estimate import Array
 
 MOST_BYTES = 100_000_000  # of all files together: some fifty machines; the longest unused go first
-ROOMS = ("signals", "mechanics", "effects", "estimation", "readings", "diagnosing")  # whose code makes the statistics
+ROOMS = ("signals", "mechanics", "effects", "estimation", "readings", "diagnosis")  # whose code makes the statistics
 
 
 def cache_folder() -> Path | None:

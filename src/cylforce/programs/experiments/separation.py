@@ -12,13 +12,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from cylforce.diagnosing.constants import SAME_EVIDENCE
-from cylforce.diagnosing.decide import Evidence
-from cylforce.diagnosing.model import CENTRE, HealthyMachine, Layout
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import LOAD_CENTRE
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN, Candidate, Key
-from cylforce.diagnosing.statistics import Blocks, Gram, SharedNoise
+from cylforce.diagnosis.constants import SAME_EVIDENCE
+from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.model import CENTRE, HealthyMachine, Layout
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import LOAD_CENTRE
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Key
+from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise
 from cylforce.effects.library import Proposal
 from cylforce.programs.experiments.catalogue import SECONDS, STAIRS_S, TOGETHER_S, Motion, catalogue
 from cylforce.signals.estimate import Array

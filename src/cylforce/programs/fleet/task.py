@@ -38,7 +38,7 @@ ROOMS = (
     "service",
     "commissioning",
     "readings",
-    "diagnosing",
+    "diagnosis",
     "fleet",
     "files",
 )

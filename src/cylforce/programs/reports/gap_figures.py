@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
-from cylforce.diagnosing import Diagnosis
-from cylforce.diagnosing.explain import Picture, quantities
-from cylforce.diagnosing.search import UNKNOWN, Question
+from cylforce.diagnosis import Diagnosis
+from cylforce.diagnosis.explain import Picture, quantities
+from cylforce.diagnosis.search import UNKNOWN, Question
 from cylforce.programs.reports.drawing import (
     AMBER,
     BLUE,

@@ -5,7 +5,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from cylforce.diagnosing import Diagnosis
+from cylforce.diagnosis import Diagnosis
 from cylforce.programs.reports import gap_figures
 from cylforce.programs.reports.gap_shown import shown
 from cylforce.programs.reports.gap_words import least, lines, rivals

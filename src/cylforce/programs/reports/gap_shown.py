@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.diagnosing import Diagnosis
-from cylforce.diagnosing.explain import Cause, Picture, Simulation
-from cylforce.diagnosing.model import REGIMES, regime_rms
-from cylforce.diagnosing.search import Question
-from cylforce.diagnosing.statistics import rms
+from cylforce.diagnosis import Diagnosis
+from cylforce.diagnosis.explain import Cause, Picture, Simulation
+from cylforce.diagnosis.model import REGIMES, regime_rms
+from cylforce.diagnosis.search import Question
+from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import Place
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine

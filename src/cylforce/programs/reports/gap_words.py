@@ -4,9 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosing import Diagnosis
-from cylforce.diagnosing.explain import smallest_detectable
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN
+from cylforce.diagnosis import Diagnosis
+from cylforce.diagnosis.explain import smallest_detectable
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.reports.units import interval, shown

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.kinds import Kind, Signal
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from cylforce.diagnosing.search import NO_GAP, Key
+from cylforce.diagnosis.search import NO_GAP, Key
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.wording.fault_words import fault

@@ -3,8 +3,8 @@
 from math import isfinite
 from typing import Any, NamedTuple
 
-from cylforce.diagnosing.decide import Verdict
-from cylforce.diagnosing.search import NO_GAP, UNKNOWN
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.wording.fault_words import BEFORE, THAN, amount, fault, number
 from cylforce.programs.wording.parameter_words import parameter_error

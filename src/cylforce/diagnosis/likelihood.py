@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotri
 from scipy.special import ndtri
 
-from cylforce.diagnosing.constants import (
+from cylforce.diagnosis.constants import (
     BLOCK_ROWS,
     CARRY_BACK,
     CLEAR_GAP,
@@ -34,7 +34,7 @@ from cylforce.diagnosing.constants import (
     SAME_MACHINE,
     TAIL,
 )
-from cylforce.diagnosing.statistics import Blocks, Gram, Mask, in_blocks, polynomials
+from cylforce.diagnosis.statistics import Blocks, Gram, Mask, in_blocks, polynomials
 from cylforce.effects.fault import BEYOND
 from cylforce.signals.estimate import Array
 

@@ -15,8 +15,8 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, ROWS_HZ
-from cylforce.diagnosing.recordings import Recording
+from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
+from cylforce.diagnosis.recordings import Recording
 from cylforce.effects.effect import Effect, Halves, Parameter
 from cylforce.effects.fault import (
     INCIDENTAL,

@@ -12,14 +12,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosing.constants import (
+from cylforce.diagnosis.constants import (
     BLOCK_ROWS,
     CREEP_CHANGE,
     DETECTABLE,
     STATIC_CHANGE,
     VARYING_CHANGE,
 )
-from cylforce.diagnosing.likelihood import (
+from cylforce.diagnosis.likelihood import (
     Form,
     Likelihood,
     Machine,
@@ -27,8 +27,8 @@ from cylforce.diagnosing.likelihood import (
     largest_discrepancy,
     settled_noise,
 )
-from cylforce.diagnosing.recordings import Recording
-from cylforce.diagnosing.regressors import (
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import (
     BARS,
     CLOCK_COLUMN,
     LOAD_CENTRE,
@@ -38,7 +38,7 @@ from cylforce.diagnosing.regressors import (
     return_laws,
     typical_incidents,
 )
-from cylforce.diagnosing.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
+from cylforce.diagnosis.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
 from cylforce.effects.fault import INCIDENTAL, SHAPES, BaseMotion, TimeCourse
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Proposal

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cylforce.diagnosing.constants import (
+from cylforce.diagnosis.constants import (
     BLOCK_ROWS,
     CARRY_BACK,
     FEW_BLOCKS,
@@ -21,7 +21,7 @@ from cylforce.diagnosing.constants import (
     SPILL,
     UNKNOWN_EFFECT,
 )
-from cylforce.diagnosing.likelihood import (
+from cylforce.diagnosis.likelihood import (
     FREE_PRECISION,
     VARIATIONS,
     Form,
@@ -40,7 +40,7 @@ from cylforce.diagnosing.likelihood import (
     log_of_other_rows,
     log_prior_of_blocks,
 )
-from cylforce.diagnosing.model import (
+from cylforce.diagnosis.model import (
     CENTRE,
     GROWTH_S,
     HealthyMachine,
@@ -49,8 +49,8 @@ from cylforce.diagnosing.model import (
     forms_of,
     lasting,
 )
-from cylforce.diagnosing.regressors import LOAD_CENTRE, ReturnLevel, return_evidence, return_levels
-from cylforce.diagnosing.statistics import Blocks, Gram, Mask, SharedNoise
+from cylforce.diagnosis.regressors import LOAD_CENTRE, ReturnLevel, return_evidence, return_levels
+from cylforce.diagnosis.statistics import Blocks, Gram, Mask, SharedNoise
 from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped, shapes
 from cylforce.effects.imposed import Imposed
 from cylforce.effects.incidents.payload_spill import PayloadSpill

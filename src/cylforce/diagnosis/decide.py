@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cylforce.diagnosing.constants import (
+from cylforce.diagnosis.constants import (
     CORRELATED_ROWS,
     COSTS,
     CREDIBLE,
@@ -20,8 +20,8 @@ from cylforce.diagnosing.constants import (
     SECOND_EFFECT,
     UNKNOWN_EFFECT,
 )
-from cylforce.diagnosing.likelihood import effective_share
-from cylforce.diagnosing.search import CONTACT, NO_GAP, UNKNOWN, Candidate, Found, Incident, Key, Spill
+from cylforce.diagnosis.likelihood import effective_share
+from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, Candidate, Found, Incident, Key, Spill
 
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy import stats
 
-from cylforce.diagnosing.constants import (
+from cylforce.diagnosis.constants import (
     BLOCK_ROWS,
     CREDIBLE,
     DETECTABLE,
@@ -20,8 +20,8 @@ from cylforce.diagnosing.constants import (
     LEAST_CLOSURE,
     SAME_MACHINE,
 )
-from cylforce.diagnosing.decide import Evidence
-from cylforce.diagnosing.model import (
+from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.model import (
     CENTRE,
     FOLDS,
     GROWTH_S,
@@ -30,9 +30,9 @@ from cylforce.diagnosing.model import (
     mean_squares,
     regime,
 )
-from cylforce.diagnosing.regressors import LOAD_CENTRE, courses
-from cylforce.diagnosing.search import Candidate, Found, Incident, Key, Question, Spill
-from cylforce.diagnosing.statistics import Mask, rms
+from cylforce.diagnosis.regressors import LOAD_CENTRE, courses
+from cylforce.diagnosis.search import Candidate, Found, Incident, Key, Question, Spill
+from cylforce.diagnosis.statistics import Mask, rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL, SHAPES, Place, TimeCourse
 from cylforce.effects.imposed import imposed
 from cylforce.effects.library import Group, Proposal
@@ -767,7 +767,7 @@ def refitted(question: Question) -> Refit:
     changes = _changes(machine.regressors.model, old, old + values[:count], [s.rows.base for s in question.seen])
     before = rms(residuals)
     share = _energy_share(before, after, machine.floor.rms)
-    return Refit(before, after, share, changes, values)
+    return Refit(before, after, share, changes, np.asarray(values, dtype=np.float64))
 
 
 def refitted_sheet(sheet: Question, fitted: Question) -> Refit:

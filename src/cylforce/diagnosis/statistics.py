@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
-from cylforce.diagnosing.constants import BLOCK_ROWS, MEMORY, POLYNOMIALS
+from cylforce.diagnosis.constants import BLOCK_ROWS, MEMORY, POLYNOMIALS
 from cylforce.signals.estimate import Array
 
 Mask = NDArray[np.bool_]
