@@ -33,7 +33,7 @@ LOADED = load(MACHINE)
 OFFSET = 0.02  # rad
 ASKED = "angle_offset@stick_angle"
 VERDICTS = {"no_gap", "explained", "partly_explained", "ambiguous", "unknown", "not_observable"}
-SECTIONS = ["verdict", "next", "causes", "evidence", "waterfall", "where", "signatures", "friction"]
+SECTIONS = ["verdict", "next", "causes", "evidence", "waterfall", "pressures", "where", "signatures", "friction"]
 SECTIONS += ["confusions", "least", "provenance"]
 FIGURES = {"evidence", "waterfall", "where", "pressures", "signatures", "friction"}
 

@@ -44,6 +44,7 @@ from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Found, Key, Qu
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
 from cylforce.estimation.model import Model
+from cylforce.readings.zeros import Zero
 from cylforce.signals.estimate import Array
 
 
@@ -99,16 +100,18 @@ def question_of(
     recordings: Sequence[Recording],
     rng: np.random.Generator,
     jumps: Mapping[int, float] | None = None,
+    zeros: Mapping[int, Zero] | None = None,
 ) -> Question:
     """Return recordings beside a healthy machine.
 
     jumps: evidence [nats] of the number of jumps of a reading, by its signal
+    zeros: readings of pressure sensors without pressure, by their signals
     """
     own, layout, seen = machine.regressors, machine.layout, []
     for recording in recordings:
         rows = own.rows(recording, layout.proposals)
         seen.append(with_noise(own, layout, recording, rows, machine.floor, machine.sensor_noise, rng))
-    return Question(machine, tuple(seen), jumps=jumps or {})
+    return Question(machine, tuple(seen), jumps=jumps or {}, zeros=zeros or {})
 
 
 def diagnose(
@@ -118,6 +121,7 @@ def diagnose(
     wanted: Callable[[Proposal], bool] = lambda _: True,
     watch: Callable[[str], None] = lambda _: None,
     jumps: Mapping[int, float] | None = None,
+    zeros: Mapping[int, Zero] | None = None,
     *,
     identified: bool = True,
 ) -> Diagnosis:
@@ -125,10 +129,11 @@ def diagnose(
 
     wanted:     whether an effect may be a cause
     jumps:      evidence [nats] of the number of jumps of a reading, by its signal
+    zeros:      readings of pressure sensors without pressure, by their signals
     identified: whether the parameters are surely this machine's; else other parameters compete with all effects
     """
     watch("columns of every effect")
-    question = question_of(machine, recordings, rng, jumps)
+    question = question_of(machine, recordings, rng, jumps, zeros)
     found = examined(question, wanted, watch)
     watch("locating the gap, simulating the effects")
     diagnosis = concluded(found, rng)

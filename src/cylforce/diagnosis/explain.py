@@ -767,7 +767,7 @@ def refitted(question: Question) -> Refit:
     changes = _changes(machine.regressors.model, old, old + values[:count], [s.rows.base for s in question.seen])
     before = rms(residuals)
     share = _energy_share(before, after, machine.floor.rms)
-    return Refit(before, after, share, changes, values)
+    return Refit(before, after, share, changes, np.asarray(values, dtype=np.float64))
 
 
 def refitted_sheet(sheet: Question, fitted: Question) -> Refit:

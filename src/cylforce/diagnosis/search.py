@@ -57,6 +57,8 @@ from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Group, Proposal
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
+from cylforce.readings.zeros import NAME as OFFSET
+from cylforce.readings.zeros import Zero
 from cylforce.signals.estimate import Array
 
 Key = tuple[str, str]  # name and place of an effect
@@ -127,6 +129,7 @@ class Question:
     noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings took away
     applied: what the recordings are corrected for, by form
     jumps:   evidence [nats] of the number of jumps of a reading, by its signal
+    zeros:   readings of pressure sensors without pressure, by their signals
     free:    whether the model's parameters are free, as those of somebody else's machine
     refined: an effect with refined shape parameters, whose columns are appended; None if there is none
     """
@@ -138,6 +141,7 @@ class Question:
     noise: Array | None = None
     applied: Mapping[int, Array] = field(default_factory=dict)
     jumps: Mapping[int, float] = field(default_factory=dict)
+    zeros: Mapping[int, Zero] = field(default_factory=dict)
     free: bool = False
     refined: Refined | None = None
 
@@ -305,19 +309,21 @@ class Question:
         return found
 
     def evidence_for(self, form: int, sizes: Array) -> float:
-        """Return the evidence [nats] for a form of sizes (M,) [SI] from return pressures and from counts of jumps."""
+        """Return the evidence [nats] for a form of sizes (M,) [SI] from return pressures, zeros and counts of jumps."""
         p = self.proposals[form]
         if p.name == GLITCH:
             return self.jumps.get(p.where, 0.0)
+        read = self.zeros.get(p.where) if p.name == OFFSET else None
+        zero = 0.0 if read is None else read.evidence(float(sizes[0]))
         level = self._return_levels.get(p.where) if p.about.place is Place.PRESSURE else None
         if level is None:
-            return 0.0
+            return zero
         size = float(f"{float(sizes[0]):.2g}")  # the evidence is smooth: so it is computed once for near sizes
         if (form, size) not in self._supports:
             machine, rate = self.machine.regressors.model.machine, self.machine.regressors.model.filters.rate_hz
             pairs = [(s.recording, s.rows) for s in self.seen]
             self._supports[form, size] = return_evidence(machine, level, p, size, pairs, rate)
-        return self._supports[form, size]
+        return zero + self._supports[form, size]
 
     @cached_property
     def _supports(self) -> dict[tuple[int, float], float]:

@@ -12,9 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from cylforce.diagnosis.explain import blocks_of
-from cylforce.files.atomic import replacing
+from cylforce.files.atomic import RecordingError, replacing
+from cylforce.files.motion_table import write_motion
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.tables import print_table
+from cylforce.programs.experiments.catalogue import checkup
+from cylforce.programs.experiments.motions import table_of
 from cylforce.programs.gap import Diagnosed
 from cylforce.programs.wording.plain import MOST_OF, Plain, looked, percent, plain
 from cylforce.signals.estimate import Array
@@ -70,6 +73,18 @@ def _patch_text(found: Diagnosed) -> str:
     causes = [named.cause for named in found.diagnosis.named]
     part = blocks_of(found.diagnosis.evidence.found.question, causes)
     return tomlkit.dumps({"effects": part}) if part else "effects = []\n"
+
+
+def write_next_motion(path: Path, found: Diagnosed, machine: Machine) -> None:
+    """Write the best motion to record next: of the catalogue, else, while the machine works, that of the check-up.
+
+    Raises RecordingError where no motion helps.
+    """
+    plan = found.plan
+    if plan is None or not (plan.advice or plan.stop_first):
+        raise RecordingError(f"--next-motion {path}: is not written: no motion of the catalogue says more about this machine")
+    motion = checkup(machine)[0] if plan.stop_first else plan.advice[0].motion
+    write_motion(path, table_of(motion), [link.name for link in machine.links])
 
 
 def show(found: Diagnosed, machine: Machine, console: Console) -> None:

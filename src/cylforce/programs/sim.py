@@ -38,6 +38,7 @@ def run_sim(
     mass_error: float = 0.1,
     effects: Path | None = None,
     library: Path | None = None,
+    motion: Path | None = None,
     payload: float = 0.0,
     turning: bool = False,
     attachment: str = STANDARD,
@@ -64,6 +65,8 @@ def run_sim(
     library
         A Python file with effects of the user's own, which the file of effects may name as well (see
         `common/user_library.py`).
+    motion
+        A table of joint angles over time (see `files/motion_table.py`) that is played in place of a scenario.
     payload, turning
         The moves with so much in the bucket [kg], with the house turning to and fro.
     attachment
@@ -82,8 +85,8 @@ def run_sim(
         One sentence each.
     """
     _check(scenario, cycles, duration, mass_error)
-    _check_moves(scenario, payload, turning)
-    check_outputs((truth, log, table), (machine_file, effects, library), (".csv", "", ""))
+    _check_moves("moves" if motion else scenario, payload, turning and motion is None)
+    check_outputs((truth, log, table), (machine_file, effects, library, motion), (".csv", "", ""))
     seed = secrets.randbits(32) if seed is None else seed
     loaded = load_machine(machine_file)
     loaded = loaded._replace(service=loaded.service.fitted(attachment))
@@ -98,6 +101,7 @@ def run_sim(
         library=LIBRARY if library is None else (*LIBRARY, *load_library(library, loaded.service.machine)),
         payload=payload,
         turning=turning,
+        motion=motion,
     )
     _check_wanted(bus, truth, log, table)
     if bus is not None:

@@ -82,7 +82,10 @@ def vibrations(
         order = np.argsort(-seen.ratio[k], kind="stable")
         clear = order[: max(SEVERAL, np.sum(chance[k] < FALSE_LINES / chance.size))].tolist()
         shown = [s for s in clear if _amplitude(seen, k, s) > declared[s]]
-        lines = tuple(_line(machine, s, _amplitude(seen, k, s), before and _amplitude(before, k, s)) for s in shown)
+        lines = tuple(
+            _line(machine, s, _amplitude(seen, k, s), None if before is None else _amplitude(before, k, s))
+            for s in shown
+        )
         found += [Vibration(float(seen.hz[k]), lines)] if len(lines) >= SEVERAL else []
     return found
 

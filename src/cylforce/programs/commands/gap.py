@@ -37,6 +37,10 @@ def gap(
     residuals: Annotated[
         Path | None, typer.Option(help="Write the unexplained torques before and after there (npz).")
     ] = None,
+    next_motion: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.csv", help="Write the motion to record next there: joint angles over time."),
+    ] = None,
     cache: Annotated[
         bool, typer.Option(help="Keep what was computed of the references in the user's cache folder.")
     ] = True,
@@ -54,14 +58,15 @@ def gap(
     from cylforce.programs.common.statistics_cache import StatisticsCache, cache_folder
     from cylforce.programs.common.user_library import load_library
     from cylforce.programs.gap import STEPS, diagnose
-    from cylforce.programs.gap_output import Outputs, show, write_all
+    from cylforce.programs.gap_output import Outputs, show, write_all, write_next_motion
     from cylforce.programs.reports.report import check_extra, gap_report
 
     if html is not None:
         check_extra()
     healthy = tuple(reference or ()), tuple(simulation or ())
     inputs = (machine, *field, *healthy[0], *healthy[1], identified, usual, library)
-    check_outputs((output, patch, html, residuals), inputs, (".json", ".toml", ".html", ".npz"))
+    outputs = (output, patch, html, residuals, next_motion)
+    check_outputs(outputs, inputs, (".json", ".toml", ".html", ".npz", ".csv"))
     loads = known_loads(load or ())
     question = Question(tuple(field), healthy[0], identified, loads, only, tuple(without or ()), usual, healthy[1])
     loaded, folder = load_machine(machine), cache_folder() if cache else None
@@ -71,4 +76,6 @@ def gap(
         found = diagnose(loaded, question, (*LIBRARY, *own), watch=watch, cache=kept)
         report = None if html is None else gap_report(loaded, question, found, watch)
     write_all(found, report, Outputs(output, patch, html, residuals))
+    if next_motion is not None:
+        write_next_motion(next_motion, found, loaded.service.machine)
     show(found, loaded.service.machine, Console(highlight=False))

@@ -28,6 +28,10 @@ def sim(
     library: Annotated[
         Path | None, typer.Option(metavar="FILE.py", help="Effects of your own, in Python, for --effects.")
     ] = None,
+    motion: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Play this motion, as `cylforce gap --next-motion` writes it."),
+    ] = None,
     payload_kg: Annotated[float, typer.Option(help="Load in the bucket during the moves.")] = 0.0,
     turning: Annotated[bool, typer.Option(help="The house turns to and fro during the moves.")] = False,
     attachment: Annotated[str, typer.Option(help="The tool on the machine.")] = "standard",
@@ -47,6 +51,7 @@ def sim(
         mass_error=mass_error,
         effects=effects,
         library=library,
+        motion=motion,
         payload=payload_kg,
         turning=turning,
         attachment=attachment,

@@ -23,6 +23,7 @@ class Question(NamedTuple):
     without:    names of effects that are left out of the library
     usual:      file of what is usual for the type
     simulation: recordings of the user's own simulation
+    still:      recording of the machine without pressure, for the zeros of its pressure sensors
     """
 
     field: tuple[Path, ...]
@@ -33,6 +34,7 @@ class Question(NamedTuple):
     without: tuple[str, ...] = ()
     usual: Path | None = None
     simulation: tuple[Path, ...] = ()
+    still: Path | None = None
 
     @property
     def healthy(self) -> tuple[Path, ...]:
