@@ -40,7 +40,7 @@ from cylforce.diagnosis.model import HealthyMachine, Source, fitted_parameters, 
 from cylforce.diagnosis.model import identified as model_identified
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
-from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Found, Key, Question, examined, without_gap
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Found, Key, Question, examined
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
 from cylforce.estimation.model import Model
