@@ -184,7 +184,6 @@ def test_the_patch_makes_the_simulated_machine_like_the_recorded_one(fault):
     assert rms([patched - faulty])[0] < 0.15 * rms([healthy - faulty])[0]
 
 
-@pytest.mark.xfail(strict=True, reason="contact that begins within a block is taken for work")
 def test_the_patch_of_a_contact_has_its_time():
     found = diagnosed((FIELD, (CONTACT,)))
     assert names(found) == [("soil_contact", "bucket")]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.diagnosis.constants import (
     BLOCK_ROWS,
@@ -49,7 +50,7 @@ from cylforce.diagnosis.model import (
     forms_of,
     lasting,
 )
-from cylforce.diagnosis.regressors import LOAD_CENTRE, ReturnLevel, return_evidence, return_levels
+from cylforce.diagnosis.regressors import LOAD_CENTRE, ColumnSource, ReturnLevel, return_evidence, return_levels
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, SharedNoise
 from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped, shapes
 from cylforce.effects.imposed import Imposed
@@ -107,10 +108,12 @@ class Refined:
 
     proposal: the effect with the refined shape
     columns:  (T, R, M) its columns along each recording
+    added:    (T', R, M) what the sensors' noise once more adds to its columns at the beginning of each recording
     """
 
     proposal: Proposal
     columns: tuple[Array, ...]
+    added: tuple[Array, ...]
 
     @property
     def unit(self) -> Array:
@@ -296,15 +299,21 @@ class Question:
             knowledge = Machine(mean, covariance, variation, knowledge.noise)
         return Likelihood(gram, unit, self.forms, knowledge, corrected=self.applied, support=self.evidence_for)
 
-    def _refined_blocks(self, kept: Mask | None) -> list[Blocks]:
-        """Return the whitened columns of the refined effect in the blocks that count."""
+    def _refined_blocks(self, kept: Mask | None) -> list[tuple[Blocks, SharedNoise]]:
+        """Return the whitened columns of the refined effect in the blocks that count, and the noise that they share."""
+        if self.refined is None:
+            return []
         found, first, floor = [], 0, self.machine.floor
-        for n, columns in enumerate(self.refined.columns if self.refined else ()):
+        for n, (seen, columns, added) in enumerate(zip(self.seen, self.refined.columns, self.refined.added, strict=True)):
             blocks = Blocks.whitened(columns, floor)
-            layed = None if self.laid is None else self.laid[n]
-            blocks = blocks if layed is None else blocks.laid(layed)
+            rows = None if self.laid is None else self.laid[n]
+            blocks = blocks if rows is None else blocks.laid(rows)
             count = len(blocks.rows)
-            found.append(blocks if kept is None else blocks.masked(kept[first : first + count]))
+            noise = Blocks.whitened(added, floor)
+            usable = noise.usable & seen.added.usable[: len(noise.usable)]
+            both = np.concatenate([noise.rows, seen.added.rows[: len(usable), ..., -1:]], axis=-1) * usable[..., None]
+            shared = SharedNoise.of(Blocks(np.asarray(both, dtype=np.float32), usable), range(added.shape[-1]))
+            found.append((blocks if kept is None else blocks.masked(kept[first : first + count]), shared))
             first += count
         return found
 
@@ -424,7 +433,7 @@ class Question:
             noise=_energy_of(before) - _energy_of(after),
         )
         if self.refined is not None and again[0].shape[-1]:
-            found = replace(found, refined=Refined(self.refined.proposal, tuple(again)))
+            found = replace(found, refined=replace(self.refined, columns=tuple(again)))
         found.__dict__.update(
             {name: getattr(self, name) for name in ("_return_levels", "_supports")}
         )  # of the readings
@@ -938,35 +947,41 @@ def examined(
 def _beside_contact(
     question: Question, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
 ) -> list[Candidate]:
-    """Return hypotheses where the rows with contact do not count, as a hypothesis of one effect shows them.
+    """Return hypotheses where the rows with contact do not count, as a hypothesis of one effect shows them."""
+    outside = _without_contact(question, case.under(base.forms, case.state(base.noise))[2])
+    if outside is None:
+        return []
+    return [Candidate(h, outside[0]) for h in searched(outside[1], allowed) if h.forms]
+
+
+def _without_contact(question: Question, coefficients: Array) -> tuple[Question, Likelihood] | None:
+    """Return the recordings without the rows with contact, and their likelihood, the other rows apart.
 
     Contact that begins within a block is no smooth force. None where there is no contact, or contact in most rows.
+    coefficients: (K'+1,) of the residual in which contact is searched
     """
     machine, size, unit = question.machine, question.size, np.append(question.unit, 1.0)
-    residual_of = case.under(base.forms, case.state(base.noise))[2] * unit
     settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
-    laid, apart, kept, whole = list[Array | None](), 0.0, 0, 0
+    laid, apart, kept, whole = list[NDArray[np.int_] | None](), 0.0, 0, 0
     for seen, blocks in zip(question.seen, question.blocks, strict=True):
         rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
         usable = blocks.usable.reshape(-1, blocks.usable.shape[2])
         lasting_rows = np.concatenate([rows[..., :size], rows[..., -1:]], axis=-1).astype(np.float64)
-        residual, loads = lasting_rows @ residual_of, rows[..., size : size + 4].astype(np.float64)
+        residual, loads = lasting_rows @ (coefficients * unit), rows[..., size : size + 4].astype(np.float64)
         found = free_stretches(residual, loads, usable, np.zeros(len(rows)), typical, settle, payloads=False)
-        own = []
+        own = list[NDArray[np.int_]]()
         for stretch in found:
             inside = np.arange(stretch.first, stretch.last)
-            for part in np.array_split(inside, -(-len(inside) // BLOCK_ROWS)):
-                own.append(np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]))
+            parts = np.array_split(inside, -(-len(inside) // BLOCK_ROWS))
+            own += [np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]) for part in parts]
             kept += stretch.last - stretch.first + 2 * settle
         whole += len(seen.rows.t)
-        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]).astype(np.int_))
+        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]))
         apart += log_of_other_rows(residual, usable, found)
-    share = 1.0 - kept / max(whole, 1)
-    if not 0.0 < share <= FEW_BLOCKS:
-        return []
+    if not 0.0 < 1.0 - kept / max(whole, 1) <= FEW_BLOCKS:
+        return None
     other = replace(question, laid=tuple(laid))
-    held = replace(other.likelihood(), apart=apart)
-    return [Candidate(h, other) for h in searched(held, allowed) if h.forms]
+    return other, replace(other.likelihood(), apart=apart)
 
 
 def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[Incident]) -> Work | None:
@@ -990,8 +1005,11 @@ def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[I
         if work is None or work.share <= FEW_BLOCKS:
             continue
         idle = work.case.likeliest((), work.case.machine.noise)
-        if idle.log > max(logs):
-            chosen.add(name)
+        if idle.log <= max(logs):
+            continue
+        outside = _without_contact(part, part.plain)
+        if outside is None or outside[1].likeliest((), outside[1].machine.noise).log < idle.log:
+            chosen.add(name)  # contact in few rows and no load would leave the machine in the air
     return at_work(question, frozenset(chosen)) if chosen else None
 
 
@@ -1061,7 +1079,9 @@ def refined(candidate: Candidate) -> Candidate:
     proposal, best = question.proposals[form], candidate
     if proposal.course or not shapes(proposal.group):
         return candidate
-    sources = [question.machine.regressors.column_source(s.recording, s.rows) for s in question.seen]
+    own = question.machine.regressors
+    sources = [own.column_source(s.recording, s.rows) for s in question.seen]
+    twins = [own.column_source(replace(s.recording, values=s.twin), s.rows) for s in question.seen]
     group = proposal.group
     for shape in shapes(group):
         tries = {shape.position(float(getattr(group[0], shape.field))): (best, group)}
@@ -1075,13 +1095,23 @@ def refined(candidate: Candidate) -> Candidate:
                 if 0.0 <= u <= 1.0 and not near(u):
                     own = shaped(group, {shape.field: shape.value(u)})
                     other = proposal._replace(group=own)
-                    asked = replace(question, refined=Refined(other, tuple(s.columns(other) for s in sources)))
+                    asked = replace(question, refined=_refined_by(question, other, sources, twins))
                     h = asked.likelihood().hypothesis(
                         (len(asked.forms) - 1,), candidate.hypothesis.noise, candidate.hypothesis.doubt
                     )
                     tries[u] = Candidate(h, asked), own
         best, group = max(tries.values(), key=lambda t: t[0].log)
     return best
+
+
+def _refined_by(
+    question: Question, proposal: Proposal, sources: Sequence[ColumnSource], twins: Sequence[ColumnSource]
+) -> Refined:
+    """Return an effect with its columns along the recordings, and what the sensors' noise once more adds to these."""
+    columns = tuple(source.columns(proposal) for source in sources)
+    noisy = [twin.columns(proposal) for twin in twins]
+    plain = [np.where(np.isnan(s.rows.residual[: len(n)])[..., None], np.nan, c[: len(n)]) for s, n, c in zip(question.seen, noisy, columns, strict=True)]
+    return Refined(proposal, columns, tuple(n - c for n, c in zip(noisy, plain, strict=True)))
 
 
 def corrected(candidate: Candidate) -> Candidate:

@@ -287,12 +287,18 @@ class Gram:
         return replace(self, whole=found[0], smooth=found[1])
 
     def extended(
-        self, blocks: Sequence[Blocks], columns: Sequence[int], own: Sequence[Blocks], unit: Array, more: Array
+        self,
+        blocks: Sequence[Blocks],
+        columns: Sequence[int],
+        own: Sequence[tuple[Blocks, SharedNoise]],
+        unit: Array,
+        more: Array,
     ) -> "Gram":
         """Return the Gram with columns appended before the residual.
 
         blocks:  the recordings of this Gram, with `columns` in units (K,)
-        own:     their whitened columns (B, BLOCK_ROWS, R, M) to be appended, in units `more` (M,)
+        own:     their whitened columns (B, BLOCK_ROWS, R, M) to be appended, in units `more` (M,), and the sensor noise
+                 that these share with the residual
         """
         scale, size, count = np.append(unit, 1.0), len(unit), len(more)
         joints = self.whole.shape[0]
@@ -301,7 +307,7 @@ class Gram:
         old, new = [*range(size), size + count], slice(size, size + count)
         for found, before in ((whole, self.whole), (smooth, self.smooth)):
             found[..., np.array(old)[:, None], np.array(old)] = before
-        for each, added in zip(blocks, own, strict=True):
+        for each, (added, _) in zip(blocks, own, strict=True):
             others, mine = each.rows[..., [*columns, -1]], added.rows * each.usable[..., None]
             product = np.einsum("btri,btrk->rik", mine, others, optimize=True) * more[:, None] * scale
             within = np.einsum("btri,btrj->rij", mine, mine, optimize=True) * np.outer(more, more)
@@ -317,6 +323,8 @@ class Gram:
                 found[..., new, new] += square
         shared = np.zeros((*self.shared.shape[:-1], size + count + 1))
         shared[..., old] = self.shared
+        noises = [noise.expected(each.counts)[..., :-1] for each, (_, noise) in zip(blocks, own, strict=True)]
+        shared[..., new] = np.concatenate(noises) * more
         return replace(self, whole=whole, smooth=smooth, shared=shared)
 
     def energies(self, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
