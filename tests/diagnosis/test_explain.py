@@ -27,7 +27,7 @@ from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL
 from cylforce.effects.imposed import imposed
-from cylforce.estimation.model import FRICTION, Model
+from cylforce.estimation.model import Model
 from diagnosis.scenes import MACHINE, SERVICE, asked, diagnosed, effect, healthy_machine, names, recorded
 
 FIELD = 5  # seed of a recording that nothing was learnt from
@@ -342,6 +342,6 @@ def test_a_refit_of_the_data_sheet_removes_its_masses_and_friction():
     rows = sheet.rows(recorded(FIELD), ())
     seen = replace(question.seen[0], rows=replace(question.seen[0].rows, residual=rows.residual))
     assert rms([seen.rows.residual]).max() > 10.0 * healthy_machine().floor.rms.max()
-    found = refitted_sheet(sheet, FRICTION, replace(question, seen=(seen,)))
+    found = refitted_sheet(replace(question, seen=(seen,)), asked((FIELD, ())))
     assert found.share > 0.9
     assert any("coulomb" in change.name for change in found.changes[:6])
