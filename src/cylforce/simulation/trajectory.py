@@ -39,7 +39,7 @@ class JointCourse(NamedTuple):
 
     begin:   angle at the start [rad]
     steps:   strokes added to it
-    sampled: change of a recorded or written motion since the start [rad] over time [s], added as well; None: there is none
+    sampled: change since the start [rad] over time [s] of a motion that a table gives, added too; None: there is none
     """
 
     begin: float
