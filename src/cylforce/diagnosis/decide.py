@@ -98,10 +98,25 @@ class Evidence:
     def prior_of(self, c: Candidate) -> float:
         """Return the log prior probability of a hypothesis."""
         if not c.hypothesis.forms:
-            return float(np.log(HEALTHY))
+            return self._log_prior_of_name if self.only_contact(c) else float(np.log(HEALTHY))
         more = len(c.hypothesis.forms) - 1 + (c.beside_contact and self.found.work is None)
         own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
         return own + more * float(np.log(SECOND_EFFECT))
+
+    @property
+    def _log_prior_of_name(self) -> float:
+        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self._names))
+
+    def only_contact(self, c: Candidate) -> bool:
+        """Return whether a hypothesis is contact in some rows, and no effect."""
+        return not c.hypothesis.forms and c.beside_contact and self.found.work is None
+
+    def _key_without_effect(self, c: Candidate) -> Key:
+        """Return what a hypothesis without effects stands for: a healthy machine, or one that touches the ground."""
+        contact = next((i.key for i in self.incidents if i.key[0] == CONTACT), None)
+        if not self.only_contact(c) or self.gap**2 - 1.0 <= SAME_MACHINE:
+            return NO_GAP
+        return contact or UNKNOWN
 
     def prior_of_incident(self, i: Incident | Spill) -> float:
         """Return the log prior probability of something that happens in single blocks."""
@@ -160,7 +175,7 @@ class Evidence:
         found: dict[Key, float] = {NO_GAP: 0.0, UNKNOWN: 0.0}
         for c, weight in zip(self.candidates, self.weights[0], strict=True):
             lawful = self.lawful(c) * float(not c.hypothesis.forms or self.explained(c.rest) >= HALF)
-            key = self.main(c) if c.hypothesis.forms else NO_GAP
+            key = self.main(c) if c.hypothesis.forms else self._key_without_effect(c)
             found[key] = found.get(key, 0.0) + weight * lawful
             found[UNKNOWN] += weight * (1.0 - lawful)
         for i, weight in zip(self.incidents, self.weights[1], strict=True):

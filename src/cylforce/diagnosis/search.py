@@ -889,7 +889,8 @@ class Found:
     @property
     def healthy(self) -> Candidate:
         """The healthy machine."""
-        return max((c for c in self.candidates if not c.hypothesis.forms and c.incident is None), key=lambda c: c.log)
+        plain = (c for c in self.candidates if not c.hypothesis.forms)
+        return max((c for c in plain if self.work is not None or not c.beside_contact), key=lambda c: c.log)
 
 
 def without_gap(residual: Array, floor: Array | float = 1.0) -> Mask:
@@ -936,6 +937,8 @@ def examined(
         single = [h for h in hypotheses if len(h.forms) == 1]
         for base in sorted(single, key=lambda h: -h.log)[:1]:
             candidates += _beside_contact(question, case, base, allowed)
+        if (outside := _without_contact(question, question.plain)) is not None:
+            candidates.append(Candidate(outside[1].likeliest((), case.machine.noise), outside[0]))
     work = _work(question, candidates, alone)
     if work is not None:
         return _examined_at_work(question, work, wanted, gate)

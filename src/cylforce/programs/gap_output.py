@@ -82,7 +82,8 @@ def write_next_motion(path: Path, found: Diagnosed, machine: Machine) -> None:
     """
     plan = found.plan
     if plan is None or not (plan.advice or plan.stop_first):
-        raise RecordingError(f"--next-motion {path}: is not written: no motion of the catalogue says more about this machine")
+        reason = "no motion of the catalogue says more"
+        raise RecordingError(f"--next-motion {path}: is not written: {reason}; leave the option out")
     motion = checkup(machine)[0] if plan.stop_first else plan.advice[0].motion
     write_motion(path, table_of(motion), [link.name for link in machine.links])
 

@@ -66,8 +66,8 @@ def read_zeros(machine: Machine, values: Array) -> Zeros:
         mean, error = float(np.mean(column)), float(np.std(parts, ddof=1) / np.sqrt(PARTS))
         if abs(mean) > LARGEST_PA:
             warnings.append(
-                f"{signal.name} reads {mean / BAR:.1f} bar although the machine was to stand without pressure: its zero is "
-                "not known; lower the tool, stop the engine, move all levers to relieve the lines, and read again"
+                f"{signal.name} reads {mean / BAR:.1f} bar though the machine was to stand without pressure: its zero "
+                "is not known; lower the tool, stop the engine, move all levers to relieve the lines, and read again"
             )
         else:
             found[number] = Zero(mean, error)

@@ -60,8 +60,8 @@ def _check_range(path: Path, machine: Machine, table: MotionTable) -> None:
         if outside.size:
             row = int(outside[0])
             raise RecordingError(
-                f"{path}:{table.lines[row]}: the {cylinder.name} cylinder would be {length[row, c]:.3f} m long, outside "
-                f"of its stroke ({cylinder.length_low:.3f} to {cylinder.length_high:.3f} m): keep the joints within"
+                f"{path}:{table.lines[row]}: the {cylinder.name} cylinder would be {length[row, c]:.3f} m long, "
+                f"outside of its stroke ({cylinder.length_low:.3f} to {cylinder.length_high:.3f} m): move less"
             )
 
 

@@ -1,9 +1,9 @@
 """How well a motion separates the causes that are still possible: expected information (ASID, arXiv 2404.12308).
 
-Cause a with sizes s_a adds X_a s_a to the torques. Another cause b with free sizes, and the machine's parameters as far as
-they are uncertain, reproduce a part of it. The remainder, squared and in units of noise and discrepancy, is the distance
-D_ab. Two causes are then confused with at most the probability sqrt(p_a p_b) exp(-D_ab / 8) (Bhattacharyya). The
-information of a recording is -8 log of the sum over all causes that may be confused with the likeliest one."""
+Cause a with sizes s_a adds X_a s_a to the torques. Another cause b with free sizes, and the machine's parameters as far
+as they are uncertain, reproduce a part of it. The remainder, squared and in units of noise and discrepancy, is the
+distance D_ab. Two causes are then confused with at most the probability sqrt(p_a p_b) exp(-D_ab / 8) (Bhattacharyya).
+The information of a recording is -8 log of the sum over all causes that may be confused with the likeliest one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
