@@ -181,7 +181,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    orders = []
+    orders: list[Order] = []
     number = options.first
     while len(orders) < options.cases:
         each = order(options.seed, number, development=True)
@@ -198,8 +198,8 @@ def main() -> None:
     table = Table(title=f"closed loop, seed {options.seed}")
     for column in ("case", "hidden", "after the first recording", "at the end", "motions", "decided", "right"):
         table.add_column(column)
-    for each in found:
-        cells = (each.case, each.effect, each.before, each.after, each.motions, each.decided, each.right)
+    for o in found:
+        cells = (o.case, o.effect, o.before, o.after, o.motions, o.decided, o.right)
         table.add_row(*map(str, cells))
     console.print(table)
     decided = [each for each in found if each.decided]

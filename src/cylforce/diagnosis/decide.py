@@ -105,7 +105,7 @@ class Evidence:
 
     @property
     def _log_prior_of_name(self) -> float:
-        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self._names))
+        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
 
     def only_contact(self, c: Candidate) -> bool:
         """Return whether a hypothesis is contact in some rows, and no effect."""

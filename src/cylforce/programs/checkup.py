@@ -390,7 +390,7 @@ async def _followed(collector: Collector, words: str, seconds: float, console: C
         head = f"{collector.service.machine.name}: {min(done_s, seconds):.0f} of {seconds:.0f} s"
         screen.show(Text(f"{head}\n\n> {say}", style="bold"), head, say)
         if view.deaf_s > GIVE_UP_S and view.advice.seconds == 0.0:
-            raise BusError(view.say)
+            raise BusError(view.instruction)
         if whole_s > LONGEST * seconds:
             raise ValueError(f"after {whole_s:.0f} s only {done_s:.0f} s of motion: {words}")
         complete = done_s >= seconds
