@@ -225,17 +225,17 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
                 verdict = Verdict.UNKNOWN  # a wrong law of one effect is no sign of a healthy machine
             if found.work is not None:  # unknown loads and contact may hide either
                 verdict = Verdict.NOT_OBSERVABLE
-            return _answer(evidence, verdict, (), plain, refuted, same, rng)
+            return _answer(evidence, verdict, (), plain, refuted, same)
         named, simulated, objection = _tried(evidence, key, rng)
         if not objection:
-            return _answer(evidence, verdict, named, simulated, refuted, same, rng)
+            return _answer(evidence, verdict, named, simulated, refuted, same)
         refuted.append(objection)
         refused = True
         evidence = replace(evidence, withdrawn=evidence.withdrawn | {key})
 
 
 def _tried(evidence: Evidence, key: Key, rng: np.random.Generator) -> tuple[tuple[Cause, ...], Simulated, str]:
-    """Return the causes that are named with the main one, the gap with them simulated, and an objection to the main one."""
+    """Return the causes named with the main one, the gap with them simulated, and an objection to the main one."""
     question = evidence.found.question
     candidate = evidence.best_of(key)
     if candidate is None:
@@ -310,7 +310,6 @@ def _answer(
     simulated: Simulated,
     refuted: Sequence[str],
     same: dict[Key, Key],
-    rng: np.random.Generator,
 ) -> Diagnosis:
     question = evidence.found.question
     named: list[Named] = []

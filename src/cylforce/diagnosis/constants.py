@@ -1,4 +1,4 @@
-"""Every number that a decision of the diagnosis rests on, with its origin: physics, a convention, or a fit by a command."""
+"""Every number that a decision of the diagnosis rests on, and its origin: physics, convention, a fit by a command."""
 
 # Rows and blocks.
 ROWS_HZ = 20.0  # rows a second; physics: four times the band of the service's filters

@@ -253,8 +253,8 @@ def costs(evidence: Evidence, key: Key | None) -> dict[Verdict, float]:
 def parameters_are_likelier(known: Evidence, free: Evidence) -> bool:
     """Return whether other parameters than the references' are the likeliest explanation.
 
-    They compete as one more name with all hypotheses. Their prior is the data sheet's, so that many free parameters cost
-    evidence: one effect that does the same is likelier.
+    They compete as one more name with all hypotheses. Their prior is the data sheet's, so that many free parameters
+    cost evidence: one effect that does the same is likelier.
     known: hypotheses with the parameters as the references show them
     free:  hypotheses with the parameters as uncertain as the data sheet leaves them
     """

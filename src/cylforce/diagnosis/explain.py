@@ -1,5 +1,5 @@
-"""Explanation of an answer: causes switched on in the simulated machine, how far the gap closes, where it lies, what shape
-an unexplained residual has, what a refit of the parameters removes.
+"""Explanation of an answer: causes switched on in the simulated machine, how far the gap closes, where it lies, what
+shape an unexplained residual has, what a refit of the parameters removes.
 
 Nothing here overwrites a decision. What the simulation of a cause contradicts is evidence for `decide`: the cause is
 withdrawn, and Bayes' rule holds among the others."""
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
+from numpy.typing import NDArray
 from scipy import stats
 
 from cylforce.diagnosis.constants import (
@@ -186,7 +187,8 @@ def objection_to_magnitude(cause: Cause) -> str:
         form = cause.question.forms[cause.form]
         magnitude = float(np.linalg.norm(cause.sizes.ravel()[: form.components]))
         if magnitude >= BEYOND * form.high * (1.0 - 1e-6):
-            return f"{name}: its magnitude is at the largest plausible one, so that it stands for something else: not named"
+            bound = "its magnitude is at the largest plausible one, so that it stands for something else"
+            return f"{name}: {bound}: not named"
     _, low, high = cause.interval
     return f"{name}: the 90 % interval of its magnitude contains zero: not named" if low <= 0.0 <= high else ""
 
@@ -249,7 +251,7 @@ def _window(question: Question, cause: Cause, sizes: Array, block: int) -> Itera
 
 
 def _span(question: Question, there: Mask) -> dict[str, float]:
-    """Return from when until when [s] a load is another one; it begins where the residual of the first block says so."""
+    """Return from when until when [s] a load is another one; it begins where the first block's residual says so."""
     regressors, half = question.machine.regressors, BLOCK_ROWS / question.machine.regressors.rows_hz / 2.0
     numbers = np.flatnonzero(there)
     t = question.times[numbers]
@@ -359,7 +361,7 @@ class Simulation:
         return found
 
     def _fitted(self, causes: Sequence[Cause], kept: Mask | None) -> tuple[list[Cause], Array]:
-        """Return causes with the magnitudes of some blocks, and the coefficients (K'+1,) of the residual beside them."""
+        """Return causes with magnitudes of some blocks, and the coefficients (K'+1,) of the residual beside them."""
         layout = self.question.machine.layout
         if self.candidate is None or any(not c.lasts for c in causes):
             return list(causes), self.question.plain
@@ -481,7 +483,7 @@ def force_error(question: Question, residuals: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1)))) if each else 0.0
 
 
-def _incident_fit(question: Question, incidental: Array, residual: Array, names: Sequence[str]) -> Array:
+def _incident_fit(question: Question, incidental: NDArray[np.float32], residual: Array, names: Sequence[str]) -> Array:
     """Return sizes (I,) of incidental columns by least squares of a residual (T, R), joints weighted by their floor."""
     columns, good = [INCIDENTAL.index(name) for name in names], np.isfinite(residual)
     unit, floor = question.machine.layout.typical[columns], question.machine.floor.rms
@@ -590,7 +592,7 @@ class Picture:
 
 
 def worst_place(question: Question, found: Simulated) -> Picture | None:
-    """Return fifteen seconds in which the residual is largest over its floor; None where no cylinder moves the joint."""
+    """Return the fifteen seconds of the largest residual over its floor; None where no cylinder moves the joint."""
     machine = question.machine.regressors.model.machine
     ratio = rms(found.before) / question.machine.floor.rms
     r = int(np.argmax(ratio))

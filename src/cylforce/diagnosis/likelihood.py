@@ -16,6 +16,7 @@ from itertools import pairwise
 from math import gamma, pi
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotri
 from scipy.special import ndtri
 
@@ -62,7 +63,8 @@ FREE_PRECISION = (
 class ResidualNoise:
     """Residual model of each joint: white noise plus a smooth model discrepancy, in units of the floor's white noise.
 
-    discrepancy: (R,) rho, standard deviation of the smooth part at order 0; its variance at order k is 1 / (1 + k)^2 of that
+    discrepancy: (R,) rho, standard deviation of the smooth part at order 0; at order k the variance is 1 / (1 + k)^2 of
+                 that
     white:       (R,) v, standard deviation of the white part
     width:       (R,) factor on the spread of both between recordings (prior only)
     variation:   factor on the run-to-run variation of the machine (of a hypothesis only)
@@ -273,7 +275,7 @@ _DRAWS = _evenly_spread()
 
 
 def _positive(matrix: Array) -> Array:
-    """Return the nearest symmetric matrix (..., M, M) that is not negative: a difference of large ones may be neither."""
+    """Return the nearest symmetric, not negative matrix (..., M, M): a difference of large ones may be neither."""
     values, vectors = np.linalg.eigh((matrix + np.swapaxes(matrix, -1, -2)) / 2.0)
     return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
@@ -300,7 +302,7 @@ class Nuisance:
     def of(
         cls, blocks: Sequence[Blocks], columns: Sequence[int], unit: Array, own: Sequence[int], typical: Array
     ) -> "Nuisance":
-        """Return the nuisance of recordings with columns `own` in units `typical` (I,), beside `columns` in units (K,)."""
+        """Return the nuisance of recordings: columns `own` in units `typical` (I,), beside `columns` in units (K,)."""
         scale = np.append(unit, 1.0)
         parts = []
         for each in blocks:
@@ -394,13 +396,13 @@ class Payload(Nuisance):
     noise_energy: (R,) energy of that noise in the residual, per row
     """
 
-    stretch: Array
+    stretch: NDArray[np.int_]
     carried_on: Mask
     shared: Array
     noise_energy: Array
 
     @cached_property
-    def load(self) -> Array:
+    def load(self) -> NDArray[np.int_]:
         """Number of every block's load (B,)."""
         return np.asarray((np.cumsum(~self.carried_on) - 1)[self.stretch])
 
@@ -490,7 +492,13 @@ class Stretch:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Sums over cells of CELL_ROWS rows: residual energy (N, R), products with a load (N, R, I), (N, R, I, I), rows (N, R)."""
+    """Sums over cells of CELL_ROWS rows.
+
+    energy: (N, R) of the residual
+    across: (N, R, I) its products with a load
+    within: (N, R, I, I) products of a load's columns
+    rows:   (N, R) usable rows
+    """
 
     energy: Array
     across: Array
@@ -606,8 +614,8 @@ def free_stretches(
 
 
 def _carried_on(found: list[Stretch], usable: Mask, tilt: Array, settle: int) -> list[Stretch]:
-    """Return the stretches with which loads are carried on: nothing touched the teeth for longer than the filters see, and
-    the bucket stayed nearer to where it was as the load was lifted than to where it is emptied."""
+    """Return the stretches with which loads are carried on: nothing touched the teeth for longer than the filters see,
+    and the bucket stayed nearer to where it was as the load was lifted than to where it is emptied."""
     carried, first = [False] * len(found), 0
     gaps = []
     for one, other in pairwise(found):
@@ -785,7 +793,7 @@ class Likelihood:
         return {}
 
     def prior_precision(self, variation: float) -> tuple[Array, float]:
-        """Return the precision (K, K) of the parameters before the recording, and the log determinant of its inverse."""
+        """Return the parameters' precision (K, K) before the recording, and the log determinant of its inverse."""
         if variation not in self._precisions:
             whole = self.machine.covariance + np.diag((variation * self.machine.variation) ** 2 + 1e-12)
             self._precisions[variation] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
@@ -796,7 +804,7 @@ class Likelihood:
         return {}
 
     def state(self, noise: ResidualNoise) -> _Marginal:
-        """Return the recording under a noise; the last ones are kept, because many hypotheses share a point of the grid."""
+        """Return the recording under a noise; the last ones are kept: many hypotheses share a point of the grid."""
         key = noise.discrepancy.tobytes(), noise.white.tobytes(), noise.variation
         found = self._states.pop(key, None) or self._marginal(noise)
         self._states[key] = found
@@ -854,7 +862,7 @@ class Likelihood:
         return own, Fitted(more, taken + more, covariance, gain, 0.5 * float(lost + log_known - log_both))
 
     def under(self, forms: Sequence[int], state: _Marginal) -> tuple[float, Fitted, Array]:
-        """Return the log marginal likelihood of some forms but for the noise's prior, their magnitudes, the residual (K+1,)."""
+        """Return some forms' log marginal likelihood but for the noise's prior, magnitudes, residual (K+1,)."""
         own, fitted = self.fitted(forms, state)
         log, k = state.log + fitted.gain, 0
         for p in forms:
@@ -937,7 +945,7 @@ class Likelihood:
 
 
 def _root_of(matrix: Array, rounding: Array) -> Array:
-    """Return the Cholesky factor of a matrix; a difference of single-precision sums may lack as much as its rounding."""
+    """Return the Cholesky factor of a matrix; a difference of single-precision sums may lack up to its rounding."""
     for _ in range(6):
         try:
             return np.asarray(np.linalg.cholesky(matrix + rounding))

@@ -105,7 +105,7 @@ class Layout:
     @cached_property
     def places(self) -> tuple[tuple[int, ...], ...]:
         """Columns of every proposal: numbers below K of what lasts, from K on of incidents, () of a change of load."""
-        found, k = [], self.first
+        found, k = list[tuple[int, ...]](), self.first
         for p in self.proposals:
             if p.course is TimeCourse.CLOCK:
                 found.append((self.clock, self.clock + 1))
@@ -159,7 +159,7 @@ class Layout:
 
     @cached_property
     def mechanical(self) -> list[int]:
-        """The columns of the machine itself, which hold no reading of a sensor: parameters, bars, each law of friction once.
+        """The machine's own columns, which hold no reading of a sensor: parameters, bars, each law of friction once.
 
         Columns of sensors hold the readings, noise included: least squares would cancel noise with noise.
         """
@@ -171,7 +171,7 @@ class Layout:
         return found
 
     def columns(self, rows: Rows, recording: Recording) -> Array:
-        """Return [K columns | incidental | residual] (T, R, K+I+1) of a recording, without the mass of its known load."""
+        """Return [K columns | incidental | residual] (T, R, K+I+1) of a recording, without its known load's mass."""
         residual = rows.residual
         if recording.load_kg:
             residual = residual - (rows.base @ self.model.load[:, 0]) * recording.load_kg
@@ -261,18 +261,16 @@ def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
         if each.load_kg:
             centre[..., CENTRE * k : CENTRE * (k + 1)] = whole[..., size + 1 : size + 1 + CENTRE]
         columns.append(np.concatenate([whole[..., : layout.first], centre, whole[..., -1:]], axis=-1))
-    prior, mean = (
-        np.diag(np.concatenate([layout.unit[: layout.first], np.tile(LOAD_CENTRE, len(recordings))]) ** -2.0),
-        0.0,
-    )
+    prior = np.diag(np.concatenate([layout.unit[: layout.first], np.tile(LOAD_CENTRE, len(recordings))]) ** -2.0)
     prior[:count, :count] = np.linalg.inv(model.prior.covariance)
     mean = np.zeros(len(prior))
     mean[:count] = model.prior.mean
     scale = FIRST_GUESS * rms([c[..., -1] for c in columns]) + 1e-9
-    values = mean
+    values: Array = mean
     for _ in range(2):
         gram = _weighted_gram(columns, scale)
-        values = np.linalg.solve(gram[:-1, :-1] + prior, gram[:-1, -1] + prior @ mean)
+        solved = np.linalg.solve(gram[:-1, :-1] + prior, gram[:-1, -1] + prior @ mean)
+        values = np.asarray(solved, dtype=np.float64)
         scale = rms([c[..., -1] - c[..., :-1] @ values for c in columns]) + 1e-9
     return np.asarray(values[:count])
 
@@ -371,7 +369,7 @@ def learnt(
     ]
     grams = _by_recording(layout, seen, own)
     machine = _learnt_machine(layout, grams, regressors.model.filters.rate_hz, shares)
-    squares = [np.concatenate([_mean_squares(e) for e in each]) for each in (least.seen, least.unseen)]
+    fitted, predicted = (np.concatenate([_mean_squares(e) for e in each]) for each in (least.seen, least.unseen))
     return HealthyMachine(
         regressors,
         layout,
@@ -380,7 +378,8 @@ def learnt(
         known,
         machine,
         least.values,
-        *squares,
+        fitted,
+        predicted,
         regime_rms(layout.model, rows, recordings, least.unseen),
         sensor_noise,
         base_rate,
@@ -624,8 +623,8 @@ def _learnt_variation(
 ) -> Array:
     """Return the run-to-run variation (K,) that makes each recording most probable by the others, up or down.
 
-    Only of friction and pressure zeros, which vary by their nature. How badly recordings of different motion predict each
-    other is model error; geometry, masses and gains do not vary.
+    Only of friction and pressure zeros, which vary by their nature. How badly recordings of different motion predict
+    each other is model error; geometry, masses and gains do not vary.
     """
     varying = np.zeros(layout.size, dtype=np.bool_)
     varying[[c for f in forms if f.name in (*VARYING, *CREEP) for c in f.columns]] = True
@@ -727,9 +726,9 @@ def with_variation(machine: HealthyMachine, everyday: Mapping[str, float]) -> He
 def quiet_blocks(layout: Layout, rows: Sequence[Rows], recordings: Sequence[Recording]) -> list[Mask]:
     """Return the blocks (B,) of each recording that show the machine itself: without contact and unknown loads.
 
-    Least trimmed squares (Rousseeuw & Van Driessen 2006): the model's parameters are fitted to the quarter of the blocks
-    with the least residual, from a fit to each of many single blocks on. Then every block counts in which no plausible
-    load or force at the teeth is significant. All blocks of recordings that are nothing but work count.
+    Least trimmed squares (Rousseeuw & Van Driessen 2006): the model's parameters are fitted to the quarter of the
+    blocks with the least residual, from a fit to each of many single blocks on. Then every block counts in which no
+    plausible load or force at the teeth is significant. All blocks of recordings that are nothing but work count.
     """
     blocks, loads = [], []
     for r, each in zip(rows, recordings, strict=True):
@@ -769,7 +768,7 @@ class _Trimmed:
     @cached_property
     def _products(self) -> Array:
         own = self.blocks[..., [*range(self._size), -1]]
-        return np.einsum("btri,btrj->brij", own, own, optimize=True)
+        return np.asarray(np.einsum("btri,btrj->brij", own, own, optimize=True))
 
     @cached_property
     def _rows(self) -> Array:

@@ -69,13 +69,13 @@ from cylforce.signals.kinds import Kind
 
 LOAD_COLUMNS = slice(0, 4)  # of the incidental columns: mass, first moments x and z, moment of inertia of a load
 CLOCK_COLUMN = INCIDENTAL.index("clock")
-# Standard deviations of what is unknown of a known load: first moments [kg m], inertia [kg m^2]; half a metre at 600 kg.
+# Standard deviations of what is unknown of a known load: first moments [kg m], inertia [kg m^2]; 0.5 m at 600 kg.
 LOAD_CENTRE = np.array([300.0, 300.0, 600.0])
 BARS = 100.0  # kg m: standard deviation of the first moments of a linkage's bars; physics: 100 kg at 1 m
 # Decay of the polynomials of an incident's course within a block, from the level on; convention: a smooth function.
 COURSE = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)
-# Typical sizes of the incidental columns: a load of 500 kg, a clock 0.05 s late, a force at the teeth of 8 kN, a squared
-# slew rate of 0.3 rad^2/s^2, and a free torque of 5 kN m.
+# Typical sizes of the incidental columns: a load of 500 kg, a clock 0.05 s late, a force at the teeth of 8 kN, a
+# squared slew rate of 0.3 rad^2/s^2, and a free torque of 5 kN m.
 TYPICAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(share * size for share in COURSE for size in (8e3, 8e3, 0.3)))
 FREE_TORQUE = 5e3
 DEAD_SLEW = 0.01  # rad/s, below which a slew sensor may be dead
@@ -273,7 +273,7 @@ class Regressors:
             lost = np.pad(lost[: len(residual[late])], ((self.slow.settle_steps, 0), (0, 0)))
         residual = np.where(lost, np.nan, residual)
         parameters = self.parameters + self._carried(recording.load_kg, base[late], residual[late])
-        base_rate = self._base_rate(values)
+        base_rate = self.base_rate(values)
         run = _Run(recording, parameters, self._sensitivity(values, parameters), base_rate)
         forces = iter(np.moveaxis(filtered.columns[..., size : size + len(laws)], -1, 0))
         lasting = [(p, e) for p in proposals for e in p.group if not isinstance(e, Incident)]
@@ -298,7 +298,7 @@ class Regressors:
         values = recording.values
         moved = self.slow.channels.run(self.thinned(values))
         parameters = self.parameters + self._carried(recording.load_kg, rows.base, rows.residual)
-        run = _Run(recording, parameters, self._sensitivity(values, parameters), self._base_rate(values))
+        run = _Run(recording, parameters, self._sensitivity(values, parameters), self.base_rate(values))
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
         return ColumnSource(self, run, moved, recording.begins_s + (steps - 0.5) / self.slow.filters.rate_hz)
 
@@ -332,7 +332,7 @@ class Regressors:
         moments = np.linalg.solve(normal, weighted[:, 1:].T @ excess)
         return np.asarray(self.model.load @ np.array([load_kg, *moments]))
 
-    def _base_rate(self, values: Array) -> Array:
+    def base_rate(self, values: Array) -> Array:
         """Return the rate (T',) [rad/s] of the base; the pitch without its noise, which would bias a regression."""
         quiet = values.copy()
         for k, signal in enumerate(self.model.machine.signals):
@@ -551,7 +551,7 @@ class _Simulated:
         model = self.regressors.slow
         found = np.zeros((2, len(t), len(model.machine.rows)))
         for effect, each in base_motions(self.effects):
-            rate = self.regressors._base_rate(values)
+            rate = self.regressors.base_rate(values)
             base = _MovingBase(effect, rate, self.parameters[: 3 * model.machine.size].reshape(-1, 3))
             halves = Regressor(model.machine, (base,)).products(moving, np.array(each.sizes))
             found += each.during(t)[:, None] * np.array(halves)
@@ -577,8 +577,8 @@ DISCHARGES = {Kind.HEAD_PRESSURE: -1.0, Kind.ROD_PRESSURE: 1.0}  # direction in 
 class ReturnLaw:
     """Pressure of a chamber that discharges oil while the pump drives its cylinder evenly: a + b |v| + c v^2.
 
-    It is what valve and return line make at that speed, whatever the load. A torque cannot separate the zero of the head
-    side from that of the rod side, nor both from friction that differs between the directions; this can.
+    It is what valve and return line make at that speed, whatever the load. A torque cannot separate the zero of the
+    head side from that of the rod side, nor both from friction that differs between the directions; this can.
     values:     (3,) [Pa], speed in USUAL_SPEED
     covariance: (3, 3)
     scatter:    of blocks about the law [Pa]

@@ -4,6 +4,7 @@ then the first ones again with their columns at the magnitudes found, and with t
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +141,7 @@ class Question:
     machine: HealthyMachine
     seen: tuple[Seen, ...]
     step: LoadStep | None = None
-    laid: tuple[Array | None, ...] | None = None
+    laid: tuple[NDArray[np.int_] | None, ...] | None = None
     noise: Array | None = None
     applied: Mapping[int, Array] = field(default_factory=dict)
     jumps: Mapping[int, float] = field(default_factory=dict)
@@ -195,7 +196,7 @@ class Question:
     def spans(self) -> list[tuple[int, int]]:
         """First block of each recording and the one after the last."""
         ends = np.cumsum([0] + [len(s.blocks.rows) for s in self.seen]).tolist()
-        return list(zip(ends[:-1], ends[1:], strict=True))
+        return list(pairwise(ends))
 
     @cached_property
     def times(self) -> Array:
@@ -208,11 +209,11 @@ class Question:
         """All that may be a cause and lasts; a change of load has columns where a step is considered."""
         found = []
         own = forms_of(self.machine.layout, self.dry_friction)
+        first = self.size - len(STEP_COLUMNS)
         for form, p in zip(own, lasting(self.machine.layout), strict=True):
-            if p.course is TimeCourse.AFTER and self.step:
-                first = self.size - len(STEP_COLUMNS)
-                form = replace(form, columns=tuple(first + STEP_COLUMNS.index(name) for name in p.incidents))
-            found.append(form)
+            stepped = p.course is TimeCourse.AFTER and self.step is not None
+            columns = tuple(first + STEP_COLUMNS.index(name) for name in p.incidents) if stepped else form.columns
+            found.append(replace(form, columns=columns))
         if self.refined:
             p, count = self.refined.proposal, len(self.refined.unit)
             own_columns = tuple(range(self.size, self.size + count))
@@ -239,7 +240,7 @@ class Question:
             known.get(f"{c.name}.coulomb", 0.0) + known.get(f"{c.name}.load_dependent", 0.0) * f
             for c, f in zip(model.machine.cylinders, load.tolist(), strict=True)
         ]
-        return np.maximum(np.array(each), 0.0)
+        return np.asarray(np.maximum(np.array(each), 0.0))
 
     def unit_of(self, form: int) -> Array:
         """Return the typical sizes (M,) of the columns of a form."""
@@ -270,7 +271,7 @@ class Question:
 
     @cached_property
     def knowledge(self) -> Machine:
-        """The healthy machine with the columns that only these recordings have; its parameters free if that is asked."""
+        """The healthy machine with the columns that only these recordings have; parameters free if that is asked."""
         own, more = self.machine.machine, self.size - self.machine.layout.size
         covariance = np.zeros((self.size, self.size))
         covariance[: len(own.mean), : len(own.mean)] = own.covariance
@@ -304,7 +305,9 @@ class Question:
         if self.refined is None:
             return []
         found, first, floor = [], 0, self.machine.floor
-        for n, (seen, columns, added) in enumerate(zip(self.seen, self.refined.columns, self.refined.added, strict=True)):
+        for n, (seen, columns, added) in enumerate(
+            zip(self.seen, self.refined.columns, self.refined.added, strict=True)
+        ):
             blocks = Blocks.whitened(columns, floor)
             rows = None if self.laid is None else self.laid[n]
             blocks = blocks if rows is None else blocks.laid(rows)
@@ -402,8 +405,9 @@ class Question:
     def corrected(self, applied: Sequence[tuple[int, Applied]]) -> "Question":
         """Return the question with effects, by number of their form, taken out of the readings at their sizes.
 
-        The columns of all other effects stay as they are. The sensors' noise in residual and columns is what a recording
-        with noise once more has, corrected likewise: a correction may neither remove noise nor make it look like an effect.
+        The columns of all other effects stay as they are. The sensors' noise in residual and columns is what a
+        recording with noise once more has, corrected likewise: a correction may neither remove noise nor make it look
+        like an effect.
         """
         machine, layout = self.machine, self.machine.layout
         effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
@@ -421,10 +425,10 @@ class Question:
             again.append(rows.effects[..., count:].astype(np.float64))
             rows = replace(rows, effects=columns)
             added = self._corrected_noise(each, replace(each, recording=recording, rows=rows), effects, own, places)
-            found = replace(each, recording=recording, rows=rows, added=added)
-            seen.append(replace(found, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
+            renewed = replace(each, recording=recording, rows=rows, added=added)
+            seen.append(replace(renewed, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
             before.append(each.shared(()))
-            after.append(found.shared(()))
+            after.append(renewed.shared(()))
         unit = {p: self.unit_of(p) for p, _ in applied}
         found = replace(
             self,
@@ -444,8 +448,8 @@ class Question:
     ) -> Blocks:
         """Return what the sensors' noise once more adds to a corrected recording.
 
-        The columns that stay have the noise of the recording as it was; the residual and the renewed columns that of the
-        corrected one, whose readings may be shifted in time.
+        The columns that stay have the noise of the recording as it was; the residual and the renewed columns that of
+        the corrected one, whose readings may be shifted in time.
         own:    effects whose columns are renewed
         places: numbers of these columns among those of the effects
         """
@@ -476,7 +480,7 @@ def _energy_of(parts: Sequence[SharedNoise]) -> Array:
 def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
     """Return hypotheses of more and more effects, as long as one effect more is worth its prior probability."""
     beam = [case.hypothesis((), replace(case.machine.noise, variation=share)) for share in VARIATIONS]
-    found = {(): max(beam, key=lambda h: h.log)}
+    found: dict[tuple[int, ...], Hypothesis] = {(): max(beam, key=lambda h: h.log)}
     worth = -float(np.log(SECOND_EFFECT * (1.0 - HEALTHY - UNKNOWN_EFFECT) / max(len(wanted), 1)))
     for _ in range(DEEPEST):
         grown, parents = dict[tuple[int, ...], Hypothesis](), dict[tuple[int, ...], tuple[int, ...]]()
@@ -673,7 +677,7 @@ class Spill:
     @property
     def share(self) -> float:
         """Number of times over the number of blocks."""
-        return len(self.sizes) / self.course.shape[1]
+        return len(self.sizes) / int(self.course.shape[1])
 
 
 @dataclass(frozen=True)
@@ -701,7 +705,7 @@ def at_work(question: Question, names: frozenset[str]) -> Work | None:
     machine, unit, size = question.machine, np.append(question.unit, 1.0), question.size
     settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
     laid, numbers, sizes, carried, parts, apart = (
-        list[Array | None](),
+        list[NDArray[np.int_] | None](),
         list[int](),
         list[float](),
         list[bool](),
@@ -723,7 +727,7 @@ def at_work(question: Question, names: frozenset[str]) -> Work | None:
         residual = lasting_rows @ (question.plain * unit)
         tilt = np.pad(np.sum(seen.rows.posture, axis=1), (0, len(rows) - len(seen.rows.t)), mode="edge")
         found = free_stretches(residual, rows[..., size : size + 4].astype(np.float64), usable, tilt, typical, settle)
-        own: list[Array] = []
+        own = list[NDArray[np.int_]]()
         for stretch in found:
             inside = np.arange(stretch.first, stretch.last)
             for part in np.array_split(inside, -(-len(inside) // BLOCK_ROWS)):
@@ -947,9 +951,7 @@ def examined(
     return Found(question, case, tuple(candidates), tuple(alone), gaps)
 
 
-def _beside_contact(
-    question: Question, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
-) -> list[Candidate]:
+def _beside_contact(question: Question, case: Likelihood, base: Hypothesis, allowed: Sequence[int]) -> list[Candidate]:
     """Return hypotheses where the rows with contact do not count, as a hypothesis of one effect shows them."""
     outside = _without_contact(question, case.under(base.forms, case.state(base.noise))[2])
     if outside is None:
@@ -1030,7 +1032,7 @@ def _examined_at_work(question: Question, work: Work, wanted: Callable[[Proposal
 
 
 def _showing(question: Question, case: Likelihood, allowed: list[int], still: Mask) -> list[int]:
-    """Return the forms whose largest torque is at a joint with a gap; what begins later, or is filtered, need not show."""
+    """Return the forms whose largest torque is at a joint with a gap; what begins later, or is filtered, need not."""
     found = []
     for k in allowed:
         form, p = question.forms[k], question.proposals[k]
@@ -1045,8 +1047,8 @@ def _showing(question: Question, case: Likelihood, allowed: list[int], still: Ma
 
 
 def _at_magnitudes(question: Question, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
-    """Return the candidates; the most probable ones also with their shape parameters refined, with their columns at their
-    magnitudes, and with one effect more beside the first of them."""
+    """Return the candidates; the most probable ones also with their shape parameters refined, with their columns at
+    their magnitudes, and with one effect more beside the first of them."""
 
     def order(c: Candidate) -> float:
         return -c.log
@@ -1082,9 +1084,9 @@ def refined(candidate: Candidate) -> Candidate:
     proposal, best = question.proposals[form], candidate
     if proposal.course or not shapes(proposal.group):
         return candidate
-    own = question.machine.regressors
-    sources = [own.column_source(s.recording, s.rows) for s in question.seen]
-    twins = [own.column_source(replace(s.recording, values=s.twin), s.rows) for s in question.seen]
+    regressors = question.machine.regressors
+    sources = [regressors.column_source(s.recording, s.rows) for s in question.seen]
+    twins = [regressors.column_source(replace(s.recording, values=s.twin), s.rows) for s in question.seen]
     group = proposal.group
     for shape in shapes(group):
         tries = {shape.position(float(getattr(group[0], shape.field))): (best, group)}
@@ -1113,7 +1115,10 @@ def _refined_by(
     """Return an effect with its columns along the recordings, and what the sensors' noise once more adds to these."""
     columns = tuple(source.columns(proposal) for source in sources)
     noisy = [twin.columns(proposal) for twin in twins]
-    plain = [np.where(np.isnan(s.rows.residual[: len(n)])[..., None], np.nan, c[: len(n)]) for s, n, c in zip(question.seen, noisy, columns, strict=True)]
+    plain = [
+        np.where(np.isnan(s.rows.residual[: len(n)])[..., None], np.nan, c[: len(n)])
+        for s, n, c in zip(question.seen, noisy, columns, strict=True)
+    ]
     return Refined(proposal, columns, tuple(n - c for n, c in zip(noisy, plain, strict=True)))
 
 

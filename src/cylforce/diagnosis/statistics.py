@@ -10,6 +10,7 @@ so that a smooth discrepancy of any level can be marginalised later without touc
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -19,6 +20,7 @@ from cylforce.diagnosis.constants import BLOCK_ROWS, MEMORY, POLYNOMIALS
 from cylforce.signals.estimate import Array
 
 Mask = NDArray[np.bool_]
+Kind = TypeVar("Kind", bound=np.generic)
 FEWEST_ROWS = 2 * POLYNOMIALS  # of a block and joint, for polynomials to be fitted
 STATIONARY = 0.2  # share of a constant that the whitening passes at least: what is slow must not count as noise
 
@@ -89,7 +91,7 @@ def rms(residuals: Sequence[Array]) -> Array:
     return np.asarray(np.sqrt(energy / np.maximum(np.sum(good, axis=0), 1)))
 
 
-def in_blocks(rows: NDArray[np.generic]) -> NDArray[np.generic]:
+def in_blocks(rows: NDArray[Kind]) -> NDArray[Kind]:
     """Return rows (T, ...) as blocks (B, BLOCK_ROWS, ...), filled up with zeros."""
     count = -(-len(rows) // BLOCK_ROWS)
     padded = np.zeros((count * BLOCK_ROWS, *rows.shape[1:]), dtype=rows.dtype)
@@ -98,11 +100,12 @@ def in_blocks(rows: NDArray[np.generic]) -> NDArray[np.generic]:
 
 
 def polynomials(usable: Mask) -> Array:
-    """Return polynomials (B, BLOCK_ROWS, R, POLYNOMIALS), orthonormal on the usable rows (B, BLOCK_ROWS, R) of each block.
+    """Return polynomials (B, BLOCK_ROWS, R, POLYNOMIALS), orthonormal on each block's usable rows (B, BLOCK_ROWS, R).
 
     They are zero where FEWEST_ROWS are not reached.
     """
-    shapes = legvander(2.0 * (np.arange(BLOCK_ROWS) + 0.5) / BLOCK_ROWS - 1.0, POLYNOMIALS - 1)
+    places = 2.0 * (np.arange(BLOCK_ROWS) + 0.5) / BLOCK_ROWS - 1.0
+    shapes = np.asarray(legvander(places, POLYNOMIALS - 1), dtype=np.float64)
     masked = np.moveaxis(usable[..., None] * shapes[:, None, :], 1, 2)  # (B, R, BLOCK_ROWS, POLYNOMIALS)
     enough = usable.sum(axis=1) >= FEWEST_ROWS
     found = np.zeros_like(masked)
@@ -129,8 +132,8 @@ class Blocks:
         rows = np.stack(each, axis=1)
         good = np.all(np.isfinite(rows), axis=2)
         return cls(
-            in_blocks(np.where(good[..., None], rows, 0.0).astype(np.float32)),  # type: ignore[arg-type]
-            in_blocks(good),  # type: ignore[arg-type]
+            in_blocks(np.where(good[..., None], rows, 0.0).astype(np.float32)),
+            in_blocks(good),
         )
 
     @cached_property
@@ -174,8 +177,8 @@ class Blocks:
 class SharedNoise:
     """Sensor noise that columns and residual have in common (errors in variables).
 
-    products: (B, R, 1 + POLYNOMIALS, K+1) product of the noise of each column with that of the residual, block by block:
-              over all rows, then along each polynomial; last the energy of the noise in the residual
+    products: (B, R, 1 + POLYNOMIALS, K+1) product of the noise of each column with that of the residual, block by
+              block: over all rows, then along each polynomial; last the energy of the noise in the residual
     counts:   (B, R) rows of each block
     """
 
@@ -249,8 +252,8 @@ class Gram:
     def total(cls, each: Sequence["Gram"]) -> "Gram":
         """Return the Gram matrices of several recordings together."""
         names = ("whole", "smooth", "rows", "blocks")
-        sums = (np.sum([getattr(g, name) for g in each], axis=0) for name in names)
-        return cls(*sums, np.concatenate([g.shared for g in each]))
+        whole, smooth, rows, blocks = (np.sum([getattr(g, name) for g in each], axis=0) for name in names)
+        return cls(whole, smooth, rows, blocks, np.concatenate([g.shared for g in each]))
 
     @property
     def noise_energy(self) -> Array:

@@ -335,8 +335,8 @@ def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -
 def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
     """Return the motion with cylinder forces F, and the friction (T, C) [N] in them.
 
-    lever^T F = tau + torques of the effects and of the friction. Both may depend on the force, so that they are found by
-    iteration.
+    lever^T F = tau + torques of the effects and of the friction. Both may depend on the force, so that they are found
+    by iteration.
 
     tau: (T, N) torques that the motion needs [N m]
     t: (T,) time from the start of the run [s]

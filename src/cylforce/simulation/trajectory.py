@@ -43,7 +43,8 @@ class JointCourse(NamedTuple):
 
     begin:   angle at the beginning [rad]
     steps:   strokes that are added to it
-    sampled: change of a recorded or written motion since the start [rad] over time [s], added as well; None: there is none
+    sampled: change of a recorded or written motion since the start [rad] over time [s], added as well; None: no such
+             motion
     """
 
     begin: float
