@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.model import HealthyMachine, Source
+from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource
 from cylforce.effects.library import LIBRARY
 from cylforce.estimation.model import Model
 from cylforce.programs.common.gap_machine import ALWAYS, learnt_machine
@@ -59,7 +59,7 @@ def test_the_second_time_it_comes_from_the_folder(made, recordings):
 def test_whatever_it_depends_on_makes_it_anew(made, recordings):
     machine = made[1]
     noise, layout = machine.sensor_noise, machine.layout
-    plain = ("a", machine.regressors, layout.proposals, recordings, noise, Source.REFERENCES)
+    plain = ("a", machine.regressors, layout.proposals, recordings, noise, KnowledgeSource.REFERENCES)
     changed = recordings[0].values.copy()
     changed[7, 0] += 1e-9
     model = machine.regressors.model
@@ -80,7 +80,7 @@ def test_whatever_it_depends_on_makes_it_anew(made, recordings):
         with_first(load_kg=500.0),
         with_first(begins_s=1.0),
         (*plain[:4], noise + 1e-9, plain[5]),
-        (*plain[:5], Source.SIMULATION),
+        (*plain[:5], KnowledgeSource.SIMULATION),
     ]
     assert len({key_of(*each) for each in keys}) == len(keys)
     assert key_of(*plain) == key_of(*plain)

@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 
 from cylforce.diagnosis import Diagnosis, diagnose, question_of
-from cylforce.diagnosis.model import HealthyMachine, Source, fitted_parameters, learnt
+from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, learnt
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
-from cylforce.diagnosis.search import Key, Question
+from cylforce.diagnosis.search import FieldQuestion, Key
 from cylforce.effects.geometry.linkage_geometry import LinkageGeometry
 from cylforce.effects.imposed import Imposed, imposed
 from cylforce.effects.library import LIBRARY, Proposal, proposals
@@ -75,7 +75,7 @@ def dug(seed: int, *effects: Imposed, count: int = 4) -> Recording:
 
 
 def learnt_from(
-    *recordings: Recording, wanted: tuple[Proposal, ...] = PROPOSALS, source=Source.REFERENCES
+    *recordings: Recording, wanted: tuple[Proposal, ...] = PROPOSALS, source=KnowledgeSource.REFERENCES
 ) -> HealthyMachine:
     """Return what recordings say of the healthy machine."""
     model = Model(MACHINE, SERVICE.filters, FRICTION)
@@ -90,7 +90,7 @@ def healthy_machine() -> HealthyMachine:
 
 
 @cache
-def asked(*recordings_of: tuple[int, tuple[Imposed, ...]]) -> Question:
+def asked(*recordings_of: tuple[int, tuple[Imposed, ...]]) -> FieldQuestion:
     """Return recordings, by seed and effects, beside the healthy machine."""
     field = [recorded(seed, *effects) for seed, effects in recordings_of]
     return question_of(healthy_machine(), field, np.random.default_rng(1))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cylforce.diagnosis.constants import BLOCK_ROWS, POLYNOMIALS
-from cylforce.diagnosis.likelihood import DECAY, Form, Likelihood, Machine, ResidualNoise
+from cylforce.diagnosis.likelihood import DECAY, Form, Likelihood, MachineKnowledge, ResidualNoise
 from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise, polynomials
 
 BLOCKS, JOINTS, COLUMNS = 40, 2, 4
@@ -39,10 +39,10 @@ def gram(found: np.ndarray, noise: SharedNoise | None = None) -> Gram:
     return Gram.of(blocks(found), range(count), UNIT[:count], noise or SharedNoise.none(found.shape[2], count + 1))
 
 
-def machine(variation: float = 0.0, noise: ResidualNoise = USUAL) -> Machine:
+def machine(variation: float = 0.0, noise: ResidualNoise = USUAL) -> MachineKnowledge:
     """Return the healthy machine: its parameters known to a hundredth, its effects to a twentieth of the least size."""
     error = np.array([0.01, 0.01, 0.05 * LOW / 4.0, 0.05 * LOW / 4.0])
-    return Machine(np.array([*PARAMETERS, 0.0, 0.0]), np.diag(error**2), np.full(COLUMNS, variation), noise)
+    return MachineKnowledge(np.array([*PARAMETERS, 0.0, 0.0]), np.diag(error**2), np.full(COLUMNS, variation), noise)
 
 
 def likelihood(found: np.ndarray, noise: SharedNoise | None = None) -> Likelihood:

@@ -14,9 +14,9 @@ from cylforce.diagnosis.constants import (
     SAME_MACHINE,
     UNKNOWN_EFFECT,
 )
-from cylforce.diagnosis.decide import Evidence, Verdict, costs, first_effect, one_answer
+from cylforce.diagnosis.decide import HypothesisEvidence, Verdict, costs, first_effect, one_answer
 from cylforce.diagnosis.likelihood import Form, Hypothesis, ResidualNoise
-from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Found, Incident
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, BlockIncident, Candidate, Found
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 
 MASS, MOMENT, OTHER = ("extra_mass", "boom"), ("first_moment_change", "boom"), ("pressure_gain", "boom_head_pressure")
@@ -37,14 +37,14 @@ def candidate(log, *forms, rest=None, noise=NOISE, known=FORMS):
 def incident(key, log, share=0.1, rest=1.0, before=GAP):
     """Return something that happens in a share of the blocks."""
     sizes = (np.arange(BLOCKS) < share * BLOCKS).astype(np.float64)
-    return Incident(key, None, sizes, log, rest, before, None)
+    return BlockIncident(key, None, sizes, log, rest, before, None)
 
 
 def evidence(*candidates, incidents=(), gap=GAP, forms=FORMS, healthy=None, **more):
     """Return the evidence of hypotheses beside the healthy machine."""
     healthy = candidate(0.0, rest=gap) if healthy is None else healthy
     question, case = SimpleNamespace(forms=forms), SimpleNamespace(machine=SimpleNamespace(noise=NOISE))
-    return Evidence(Found(question, case, (healthy, *candidates), tuple(incidents), np.array([gap])), **more)
+    return HypothesisEvidence(Found(question, case, (healthy, *candidates), tuple(incidents), np.array([gap])), **more)
 
 
 def test_probabilities_add_up_to_one_and_follow_the_evidence():

@@ -22,7 +22,7 @@ from cylforce.diagnosis.likelihood import (
     LEVELS,
     Form,
     Likelihood,
-    Machine,
+    MachineKnowledge,
     Nuisance,
     Payload,
     ResidualNoise,
@@ -88,7 +88,7 @@ def five_columns(seed, count=2):
     """Return a few blocks with five columns, and what is known of their parameters."""
     rng = np.random.default_rng(seed)
     found = np.concatenate([rng.standard_normal((count, BLOCK_ROWS, JOINTS, 1)), rows(seed)[:count]], axis=-1)
-    return found.astype(np.float32), Machine(MEAN, FIVE, np.zeros(5), NOISE)
+    return found.astype(np.float32), MachineKnowledge(MEAN, FIVE, np.zeros(5), NOISE)
 
 
 def of_five(found, machine, nuisance=None):
@@ -420,7 +420,9 @@ def test_however_heavy_an_unknown_load_is_the_noise_is_that_of_the_sensors(times
     loads = Nuisance.of([whole], [0], np.ones(1), [1], np.array([max(times, 1.0)]))
     usual = ResidualNoise(np.array([0.1]), np.array([1.0]))
     recording = Gram.of(whole, [0], np.ones(1), SharedNoise.none(1, 2))
-    case = Likelihood(recording, np.ones(1), (), Machine(np.zeros(1), np.eye(1), np.zeros(1), usual), nuisance=loads)
+    case = Likelihood(
+        recording, np.ones(1), (), MachineKnowledge(np.zeros(1), np.eye(1), np.zeros(1), usual), nuisance=loads
+    )
     found = case.hypothesis((), usual)
     assert found.noise.white[0] == pytest.approx(1.0, abs=0.05), f"seed {SEED}"
     assert found.noise.discrepancy[0] < 0.3

@@ -15,7 +15,7 @@ from cylforce.diagnosis.model import (
     CREEP,
     REGIMES,
     VARYING,
-    Source,
+    KnowledgeSource,
     fitted_parameters,
     forms_of,
     identified,
@@ -192,7 +192,8 @@ def test_a_simulation_without_noise_has_the_sensors_noise_as_floor():
     """Otherwise every residual of the machine would be a gap."""
     silent = [recorded(seed, noise=False) for seed in REFERENCE_SEEDS]
     plain, simulated = (
-        learnt_from(*silent, wanted=FEW, source=source) for source in (Source.REFERENCES, Source.SIMULATION)
+        learnt_from(*silent, wanted=FEW, source=source)
+        for source in (KnowledgeSource.REFERENCES, KnowledgeSource.SIMULATION)
     )
     rows = [simulated.regressors.rows(each, ()) for each in silent]
     noise = noise_of_sensors(simulated.regressors, silent, rows, SENSOR_NOISE, np.random.default_rng(3))
@@ -244,7 +245,7 @@ def test_parameters_are_as_certain_together_as_the_identification_says(read):
     count, unit = len(read.values), machine.layout.unit
     known = machine.machine.covariance[:count, :count] * np.outer(unit[:count], unit[:count])
     np.testing.assert_allclose(known, read.covariance, rtol=1e-9)
-    assert machine.source is Source.IDENTIFICATION
+    assert machine.source is KnowledgeSource.IDENTIFICATION
     assert (machine.references, machine.regimes) == (0, None)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cylforce import diagnosis
-from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.model import HealthyMachine, fitted_parameters, learnt
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
@@ -65,7 +65,7 @@ def healthy() -> HealthyMachine:
 
 def posterior(*recordings: Recording) -> dict[tuple[str, str], float]:
     question = diagnosis.question_of(healthy(), recordings, np.random.default_rng(1))
-    return Evidence(examined(question, lambda _: True)).posterior
+    return HypothesisEvidence(examined(question, lambda _: True)).posterior
 
 
 MASS = ("extra_mass", "stick", (120.0, 180.0, 0.0, 270.0))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
-from cylforce.diagnosis.model import Layout, fitted_parameters
+from cylforce.diagnosis.model import ColumnLayout, fitted_parameters
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors, courses
 from cylforce.effects.fault import SHAPES, Alteration, Distortion, TimeCourse
@@ -307,7 +307,7 @@ def test_an_incident_has_columns_of_its_course_in_every_block():
     """A steady force at the teeth is the first course alone; the simulated machine shows its column."""
     push = effect("soil_contact", "bucket", [4e3, 8e3])
     before, after = (regressors().rows(each, ()) for each in (recording(), recording(push)))
-    layout = Layout(regressors().model, proposals(MACHINE))
+    layout = ColumnLayout(regressors().model, proposals(MACHINE))
     contact = next(p for p in layout.proposals if p.name == "soil_contact")
     own = [k - layout.size for k in layout.incident(contact)[:2]]
     expected, seen = after.incidental[..., own] @ np.array([4e3, 8e3]), after.residual - before.residual

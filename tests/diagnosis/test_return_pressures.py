@@ -5,7 +5,7 @@ import pytest
 
 from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
 from cylforce.diagnosis.recordings import Recording
-from cylforce.diagnosis.regressors import Rows, return_evidence, return_laws, return_levels
+from cylforce.diagnosis.regressors import TorqueRows, return_evidence, return_laws, return_levels
 from cylforce.effects.library import Proposal
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_offset import PressureOffset
@@ -34,7 +34,7 @@ def recording(seed, rod=0.0, scatter=2e4, speeds=(0.05, 0.3)):
     values[:, HEAD] = 80e5
     empty, nothing = np.zeros((len(t), 0)), np.zeros((len(t), 0), dtype=np.float32)
     posture, still = np.zeros((len(t), MACHINE.size)), np.zeros(len(t))
-    rows = Rows(empty, empty, nothing, nothing, empty, t, speed, np.where(speed > 0.0, 1e5, 0.0), posture, still)
+    rows = TorqueRows(empty, empty, nothing, nothing, empty, t, speed, np.where(speed > 0.0, 1e5, 0.0), posture, still)
     return Recording(f"{seed}", values), rows
 
 

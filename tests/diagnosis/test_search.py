@@ -7,7 +7,7 @@ import pytest
 
 from cylforce.diagnosis import question_of
 from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
-from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.likelihood import likeliest_noise
 from cylforce.diagnosis.search import (
     CONTACT,
@@ -38,7 +38,7 @@ def likeliest(rows):
     question = SimpleNamespace(forms=synthetic.FORMS, laid=None)
     found = [Candidate(h, question) for h in searched(case, range(2))]
     gap = case.rests(np.append(-case.machine.mean, 1.0))
-    return Evidence(Found(question, case, tuple(found), (), gap)).first
+    return HypothesisEvidence(Found(question, case, tuple(found), (), gap)).first
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_a_known_load_that_falls_out_is_found_at_its_time_with_its_mass():
     question = question_of(machine, [recorded(FIELD, spill, load_kg=600.0)], np.random.default_rng(1))
     step = changed_load(question, question.likelihood())
     assert abs(question.times[step.first] - SPILL_S) < 2.0 * BLOCK_ROWS / ROWS_HZ
-    found = Evidence(examined(question, lambda _: True))
+    found = HypothesisEvidence(examined(question, lambda _: True))
     assert ("payload_spill", "bucket") in found.credible, found.posterior
     best = found.best_of(("payload_spill", "bucket"))
     (form,) = best.hypothesis.forms
@@ -217,7 +217,7 @@ def test_loads_of_a_digging_machine_are_no_noise():
     assert np.max(rms(question.residuals()) / healthy_machine().floor.rms) > 50.0
     assert found.work is not None
     assert np.max(found.gaps) < 3.0
-    assert Evidence(found).first == NO_GAP
+    assert HypothesisEvidence(found).first == NO_GAP
 
 
 def test_a_machine_in_the_air_is_not_at_work():
@@ -230,4 +230,4 @@ def test_a_lasting_fault_of_a_digging_machine_is_found_beside_its_loads():
     question = question_of(healthy_machine(), [dug(3, friction)], np.random.default_rng(1))
     found = examined(question, lambda _: True)
     assert found.work is not None
-    assert ("coulomb_friction", "stick") in Evidence(found).credible
+    assert ("coulomb_friction", "stick") in HypothesisEvidence(found).credible

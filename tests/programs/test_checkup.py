@@ -16,7 +16,7 @@ from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.files.atomic import RecordingError
 from cylforce.files.tables import Table, write_table
-from cylforce.programs.checkup import End, Outputs, check_recordings_of, run_checkup, sentences_of
+from cylforce.programs.checkup import CheckupOutputs, End, check_recordings_of, run_checkup, sentences_of
 from cylforce.programs.common.gap_question import Question
 from cylforce.programs.experiments.catalogue import checkup
 from cylforce.programs.experiments.motions import read_scene
@@ -130,7 +130,7 @@ def test_a_healthy_machine_ends_the_check_up_and_the_answer_is_written_as_json(r
     field = rig.record("healthy", "moves", 4)
     console = Console(file=StringIO(), width=200)
     out = tmp_path / "answer.json"
-    found = run_checkup(LOADED, Question((field,), rig.references), Outputs(out), console)
+    found = run_checkup(LOADED, Question((field,), rig.references), CheckupOutputs(out), console)
     assert found.end is End.HEALTHY
     assert "no fault" in sentences_of(MACHINE, found)[0]
     written = json.loads(out.read_text())

@@ -23,7 +23,7 @@ from scipy.stats import beta
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.checkup import Checked, End, concluded
 from cylforce.programs.common.gap_question import Question
-from cylforce.programs.experiments.catalogue import Motion
+from cylforce.programs.experiments.catalogue import RecommendedMotion
 from cylforce.programs.gap import diagnose
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.simulation.trajectory import follow
@@ -44,7 +44,7 @@ ENDS = 0.05, 0.95  # of an interval
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ClosedLoop:
     """A machine after its first recording and after the recommended motions.
 
     case:         number
@@ -69,7 +69,7 @@ class Outcome:
     motions: int
 
 
-def piece(site: Site, machine: Machine, motion: Motion, number: int) -> Piece:
+def piece(site: Site, machine: Machine, motion: RecommendedMotion, number: int) -> Piece:
     """Return a motion as the machine carries it out: lengths of its cylinders by the machine file's geometry."""
     rows = round(motion.scene.duration * RATE)
     course = follow(motion.scene, np.arange(rows) / RATE)
@@ -100,7 +100,7 @@ def written(site: Site, folder: Path, name: str, values: Array, begins_s: float 
     return path
 
 
-def closed_loop(wanted: Order) -> Outcome:
+def closed_loop(wanted: Order) -> ClosedLoop:
     """Diagnose a machine, and record what is recommended, until it is decided or MOTIONS are recorded."""
     site = Site(wanted.machine, wanted.friction)
     pieces = site.showing(wanted.names)
@@ -124,7 +124,7 @@ def closed_loop(wanted: Order) -> Outcome:
             count += 1
             checked = _all_of(loaded, field, references)
     truth = {(f.name, f.at) for f in faults} or {("no_gap", "")}
-    return Outcome(
+    return ClosedLoop(
         wanted.number,
         ", ".join(_named(key) for key in sorted(truth)),
         _named(_first(first)),

@@ -12,7 +12,7 @@ import numpy as np
 from cylforce.diagnosis.constants import BLOCK_ROWS, CLEAR_GAP, HALF, LAW_ERROR, SAME_MACHINE
 from cylforce.diagnosis.decide import (
     SURE,
-    Evidence,
+    HypothesisEvidence,
     Verdict,
     costs,
     first_effect,
@@ -36,11 +36,11 @@ from cylforce.diagnosis.explain import (
     where,
     worst_place,
 )
-from cylforce.diagnosis.model import HealthyMachine, Source, fitted_parameters, with_noise
+from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, with_noise
 from cylforce.diagnosis.model import identified as model_identified
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
-from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Found, Key, Question, examined
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, FieldQuestion, Found, Key, examined
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
 from cylforce.estimation.model import Model
@@ -84,7 +84,7 @@ class Diagnosis:
 
     verdict: Verdict
     named: tuple[Named, ...]
-    evidence: Evidence
+    evidence: HypothesisEvidence
     simulated: Simulated
     spots: list[Spot]
     shape: dict[str, Any]
@@ -101,7 +101,7 @@ def question_of(
     rng: np.random.Generator,
     jumps: Mapping[int, float] | None = None,
     zeros: Mapping[int, Zero] | None = None,
-) -> Question:
+) -> FieldQuestion:
     """Return recordings beside a healthy machine.
 
     jumps: evidence [nats] of the number of jumps of a reading, by its signal
@@ -111,7 +111,7 @@ def question_of(
     for recording in recordings:
         rows = own.rows(recording, layout.proposals)
         seen.append(with_noise(own, layout, recording, rows, machine.floor, machine.sensor_noise, rng))
-    return Question(machine, tuple(seen), jumps=jumps or {}, zeros=zeros or {})
+    return FieldQuestion(machine, tuple(seen), jumps=jumps or {}, zeros=zeros or {})
 
 
 def diagnose(
@@ -146,14 +146,14 @@ def diagnose(
     return _after_refit(question, diagnosis, refitted_diagnosis)
 
 
-def with_free_parameters(question: Question, refit: Refit) -> Question:
+def with_free_parameters(question: FieldQuestion, refit: Refit) -> FieldQuestion:
     """Return a question in which the parameters are as uncertain as the data sheet leaves them, and refitted."""
     values = question.machine.values.copy()
     values[: len(refit.values)] += refit.values
     return replace(question, machine=replace(question.machine, values=values), free=True)
 
 
-def _after_refit(question: Question, before: Diagnosis, after: Diagnosis) -> Diagnosis:
+def _after_refit(question: FieldQuestion, before: Diagnosis, after: Diagnosis) -> Diagnosis:
     """Return the answer that the parameters come first, with the effects that remain once they are fitted.
 
     before, after: answers with the parameters as they are known, and free
@@ -177,7 +177,7 @@ class SheetGap:
     spots:    where the gap is
     """
 
-    question: Question
+    question: FieldQuestion
     refit: Refit
     spots: list[Spot]
 
@@ -201,7 +201,7 @@ def gap_of_sheet(
     for regressors in (fitted, Regressors(sheet, sheet.prior.mean)):
         covariance, moves = regressors.model.prior.covariance, np.where(floor > 0.0, floor, 1.0)
         machine = model_identified(regressors, (), covariance, moves, recordings, sensor_noise, rng)
-        questions.append(question_of(replace(machine, source=Source.DATA_SHEET), recordings, rng))
+        questions.append(question_of(replace(machine, source=KnowledgeSource.DATA_SHEET), recordings, rng))
     refit = refitted_sheet(questions[1], questions[0])
     return SheetGap(questions[1], refit, where(questions[1], questions[1].residuals()))
 
@@ -213,7 +213,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
     """
     question = found.question
     sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP
-    evidence, same = one_answer(Evidence(found, sure=sure))
+    evidence, same = one_answer(HypothesisEvidence(found, sure=sure))
     plain = Simulation(question, None).run((), rng)
     refuted, refused = list[str](), False
     while True:
@@ -234,7 +234,9 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
         evidence = replace(evidence, withdrawn=evidence.withdrawn | {key})
 
 
-def _tried(evidence: Evidence, key: Key, rng: np.random.Generator) -> tuple[tuple[Cause, ...], Simulated, str]:
+def _tried(
+    evidence: HypothesisEvidence, key: Key, rng: np.random.Generator
+) -> tuple[tuple[Cause, ...], Simulated, str]:
     """Return the causes named with the main one, the gap with them simulated, and an objection to the main one."""
     question = evidence.found.question
     candidate = evidence.best_of(key)
@@ -264,13 +266,13 @@ def _tried(evidence: Evidence, key: Key, rng: np.random.Generator) -> tuple[tupl
     return (first,), alone, objection
 
 
-def _single(evidence: Evidence, key: Key, candidate: Candidate) -> Candidate:
+def _single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Candidate:
     """Return the most probable hypothesis of an effect by itself; another one where it was not examined so."""
     own = [c for c in evidence.candidates if len(c.hypothesis.forms) == 1 and c.keys == {key}]
     return max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
 
 
-def _shows(question: Question, cause: Cause, alone: Simulated) -> bool:
+def _shows(question: FieldQuestion, cause: Cause, alone: Simulated) -> bool:
     """Return whether, with the first cause alone, the joint on which another one acts most still has a gap.
 
     The gap must exceed the error of the first cause's own law.
@@ -282,7 +284,7 @@ def _shows(question: Question, cause: Cause, alone: Simulated) -> bool:
     return after**2 > 1.0 + SAME_MACHINE + law
 
 
-def added_torque(question: Question, cause: Cause) -> list[Array]:
+def added_torque(question: FieldQuestion, cause: Cause) -> list[Array]:
     """Return the torques (T, R) [N m] of a cause along the recordings, by its columns."""
     layout, proposal, found = question.machine.layout, cause.proposal, []
     refined = cause.question.refined
@@ -304,7 +306,7 @@ def added_torque(question: Question, cause: Cause) -> list[Array]:
 
 
 def _answer(
-    evidence: Evidence,
+    evidence: HypothesisEvidence,
     verdict: Verdict,
     causes: tuple[Cause, ...],
     simulated: Simulated,

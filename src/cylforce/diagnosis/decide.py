@@ -21,7 +21,7 @@ from cylforce.diagnosis.constants import (
     UNKNOWN_EFFECT,
 )
 from cylforce.diagnosis.likelihood import effective_share
-from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, Candidate, Found, Incident, Key, Spill
+from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
 
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
@@ -38,7 +38,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Evidence:
+class HypothesisEvidence:
     """The hypotheses that compete, some of them withdrawn.
 
     found:     everything that the search found
@@ -56,7 +56,7 @@ class Evidence:
         return [c for c in self.found.candidates if not c.keys & self.withdrawn]
 
     @cached_property
-    def incidents(self) -> list[Incident | Spill]:
+    def incidents(self) -> list[BlockIncident | Spill]:
         """What happens in single blocks alone."""
         return [i for i in self.found.incidents if i.key not in self.withdrawn]
 
@@ -118,7 +118,7 @@ class Evidence:
             return NO_GAP
         return contact or UNKNOWN
 
-    def prior_of_incident(self, i: Incident | Spill) -> float:
+    def prior_of_incident(self, i: BlockIncident | Spill) -> float:
         """Return the log prior probability of something that happens in single blocks."""
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
@@ -186,7 +186,7 @@ class Evidence:
         whole = sum(found.values())
         return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
 
-    def key_of(self, i: Incident | Spill) -> Key:
+    def key_of(self, i: BlockIncident | Spill) -> Key:
         """Return what an incident stands for.
 
         Transients whose removal does not change the residual beyond that of a healthy machine are no gap. Contact in
@@ -231,7 +231,7 @@ class Evidence:
         return max(own, key=lambda c: c.log + self.prior_of(c)) if own else None
 
 
-def costs(evidence: Evidence, key: Key | None) -> dict[Verdict, float]:
+def costs(evidence: HypothesisEvidence, key: Key | None) -> dict[Verdict, float]:
     """Return the expected cost of every answer that names a cause or none, in units of a wrong name.
 
     key: the cause that would be named; None if there is none
@@ -250,7 +250,7 @@ def costs(evidence: Evidence, key: Key | None) -> dict[Verdict, float]:
     return found
 
 
-def parameters_are_likelier(known: Evidence, free: Evidence) -> bool:
+def parameters_are_likelier(known: HypothesisEvidence, free: HypothesisEvidence) -> bool:
     """Return whether other parameters than the references' are the likeliest explanation.
 
     They compete as one more name with all hypotheses. Their prior is the data sheet's, so that many free parameters
@@ -268,7 +268,7 @@ def parameters_are_likelier(known: Evidence, free: Evidence) -> bool:
     return name + max(fitted) > max(as_known)
 
 
-def first_effect(evidence: Evidence) -> Key | None:
+def first_effect(evidence: HypothesisEvidence) -> Key | None:
     """Return the likeliest effect; None if every one is excluded."""
     effects = [k for k, p in evidence.posterior.items() if k not in (NO_GAP, UNKNOWN) and p > 0.0]
     return max(effects, key=lambda k: evidence.posterior[k]) if effects else None
@@ -277,7 +277,7 @@ def first_effect(evidence: Evidence) -> Key | None:
 SAME_CHANGE = ("extra_mass", "first_moment_change")  # an added mass moves its link's centre of gravity
 
 
-def one_answer(evidence: Evidence) -> tuple[Evidence, dict[Key, Key]]:
+def one_answer(evidence: HypothesisEvidence) -> tuple[HypothesisEvidence, dict[Key, Key]]:
     """Return the evidence with a mass and a first moment of one link as one answer, and the other name of each cause.
 
     Where their evidence differs by less than SAME_EVIDENCE, the more probable one stays. Both stay where the likeliest
@@ -296,6 +296,6 @@ def one_answer(evidence: Evidence) -> tuple[Evidence, dict[Key, Key]]:
         lacking = [key for key in both if likeliest is not None and key not in likeliest.keys]
         if lacking:
             kept = next(key for key in both if key != lacking[0])
-            evidence = Evidence(evidence.found, evidence.withdrawn | {lacking[0]}, evidence.sure)
+            evidence = HypothesisEvidence(evidence.found, evidence.withdrawn | {lacking[0]}, evidence.sure)
             same[kept] = lacking[0]
     return evidence, same

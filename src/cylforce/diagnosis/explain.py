@@ -21,7 +21,7 @@ from cylforce.diagnosis.constants import (
     LEAST_CLOSURE,
     SAME_MACHINE,
 )
-from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.model import (
     CENTRE,
     FOLDS,
@@ -32,7 +32,7 @@ from cylforce.diagnosis.model import (
     regime,
 )
 from cylforce.diagnosis.regressors import LOAD_CENTRE, courses
-from cylforce.diagnosis.search import Candidate, Found, Incident, Key, Question, Spill
+from cylforce.diagnosis.search import BlockIncident, Candidate, FieldQuestion, Found, Key, Spill
 from cylforce.diagnosis.statistics import Mask, rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL, SHAPES, Place, TimeCourse
 from cylforce.effects.imposed import imposed
@@ -75,7 +75,7 @@ class Cause:
 
     key: Key
     proposal: Proposal
-    question: Question
+    question: FieldQuestion
     form: int | None
     sizes: Array
     errors: Array
@@ -103,7 +103,7 @@ class Cause:
         return value, value - INTERVAL * error, value + INTERVAL * error
 
 
-def causes_of(evidence: Evidence, candidate: Candidate) -> list[Cause]:
+def causes_of(evidence: HypothesisEvidence, candidate: Candidate) -> list[Cause]:
     """Return the effects of a hypothesis, the main one first."""
     question, h, found, k = candidate.question, candidate.hypothesis, [], 0
     main = evidence.main(candidate)
@@ -121,7 +121,7 @@ def causes_of(evidence: Evidence, candidate: Candidate) -> list[Cause]:
     return sorted(found, key=lambda c: c.key != main)
 
 
-def _included(evidence: Evidence, key: Key) -> float:
+def _included(evidence: HypothesisEvidence, key: Key) -> float:
     """Return the probability that an effect is present, alone or beside others."""
     weights, others = evidence.weights
     each = zip(evidence.candidates, weights, strict=True)
@@ -129,7 +129,7 @@ def _included(evidence: Evidence, key: Key) -> float:
 
 
 def _cause(
-    question: Question, key: Key, form: int, sizes: tuple[Array, Array], probability: float, nats: float
+    question: FieldQuestion, key: Key, form: int, sizes: tuple[Array, Array], probability: float, nats: float
 ) -> Cause:
     proposal, count = question.proposals[form], len(question.times)
     course, rows, when = np.ones((1, count)), 1, ""
@@ -144,7 +144,7 @@ def _cause(
     return Cause(key, proposal, question, form, value, error, course, probability, nats, when)
 
 
-def cause_of_incident(evidence: Evidence, incident: Incident | Spill) -> Cause:
+def cause_of_incident(evidence: HypothesisEvidence, incident: BlockIncident | Spill) -> Cause:
     """Return something that happens in single blocks, with sizes of its own in each."""
     if isinstance(incident, Spill):
         probability = evidence.posterior.get(incident.key, 0.0)
@@ -196,7 +196,7 @@ def objection_to_magnitude(cause: Cause) -> str:
 # Causes simulated
 
 
-def blocks_of(question: Question, causes: Sequence[Cause]) -> list[dict[str, Any]]:
+def blocks_of(question: FieldQuestion, causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """Return causes as blocks `[[effects]]` for the simulated machine; clocks last, because they shift all readings."""
     machine, groups = (
         question.machine.regressors.model.machine,
@@ -219,7 +219,7 @@ def _read(machine: Any, block: dict[str, Any], groups: tuple[Group, ...]) -> Any
     return imposed(*words, shape=block.get("shape"), begin=begin, end=end, library=groups)
 
 
-def _blocks_of(question: Question, cause: Cause) -> Iterator[dict[str, Any]]:
+def _blocks_of(question: FieldQuestion, cause: Cause) -> Iterator[dict[str, Any]]:
     plain: dict[str, Any] = {"name": cause.proposal.name, "at": cause.proposal.at}
     plain |= {"shape": cause.proposal.shape} if cause.proposal.shape else {}
     course = cause.proposal.course
@@ -236,7 +236,7 @@ def _blocks_of(question: Question, cause: Cause) -> Iterator[dict[str, Any]]:
         yield plain | {"value": cause.sizes.ravel().tolist()}
 
 
-def _window(question: Question, cause: Cause, sizes: Array, block: int) -> Iterator[dict[str, Any]]:
+def _window(question: FieldQuestion, cause: Cause, sizes: Array, block: int) -> Iterator[dict[str, Any]]:
     """Yield the course of a block in parts; a force at the teeth fades while the next one takes over."""
     regressors = question.machine.regressors
     length = BLOCK_ROWS / regressors.rows_hz
@@ -250,7 +250,7 @@ def _window(question: Question, cause: Cause, sizes: Array, block: int) -> Itera
         yield {"value": part.tolist(), "from_s": max(float(begin) - over, 0.0), "until_s": float(end) + over}
 
 
-def _span(question: Question, there: Mask) -> dict[str, float]:
+def _span(question: FieldQuestion, there: Mask) -> dict[str, float]:
     """Return from when until when [s] a load is another one; it begins where the first block's residual says so."""
     regressors, half = question.machine.regressors, BLOCK_ROWS / question.machine.regressors.rows_hz / 2.0
     numbers = np.flatnonzero(there)
@@ -293,7 +293,7 @@ class Simulation:
     candidate: the hypothesis, with the recordings corrected for its effects; None of incidents
     """
 
-    question: Question
+    question: FieldQuestion
     candidate: Candidate | None
 
     def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
@@ -435,7 +435,7 @@ def _in_spans(squares: Array) -> Array:
     return padded.reshape(count, SPAN * squares.shape[1])
 
 
-def objection_to_simulation(question: Question, causes: Sequence[Cause], found: Simulated) -> str:
+def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], found: Simulated) -> str:
     """Return what the simulation of causes says against them, in a sentence; empty if nothing does.
 
     A cause must remove LEAST_CLOSURE of the gap, and may leave no joint and no weight worse than two recordings of a
@@ -457,14 +457,14 @@ def objection_to_simulation(question: Question, causes: Sequence[Cause], found: 
     return ""
 
 
-def _weight_of_floor(question: Question) -> float:
+def _weight_of_floor(question: FieldQuestion) -> float:
     """Return the weight [kg] whose torque along the recordings is the noise floor (mean square of joints)."""
     mass = INCIDENTAL.index("load.mass")
     torque = rms([np.where(np.isfinite(s.rows.residual), s.rows.incidental[..., mass], np.nan) for s in question.seen])
     return float(1.0 / np.sqrt(np.mean((torque / question.machine.floor.rms) ** 2)))
 
 
-def weight_error(question: Question, residuals: Sequence[Array]) -> float:
+def weight_error(question: FieldQuestion, residuals: Sequence[Array]) -> float:
     """Return the error of a weight [kg], rms over the recordings, that residuals (T, R) [N m] make."""
     names = ("load.mass", "load.X", "load.Z", "load.J")
     pairs = [(s, e) for s, e in zip(question.seen, residuals, strict=True) if np.any(np.isfinite(e))]
@@ -472,7 +472,7 @@ def weight_error(question: Question, residuals: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.square(each))))
 
 
-def force_error(question: Question, residuals: Sequence[Array]) -> float:
+def force_error(question: FieldQuestion, residuals: Sequence[Array]) -> float:
     """Return the steady force at the teeth [N] that residuals (T, R) [N m] look like, rms over blocks."""
     each = []
     for s, e in zip(question.seen, residuals, strict=True):
@@ -483,7 +483,9 @@ def force_error(question: Question, residuals: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1)))) if each else 0.0
 
 
-def _incident_fit(question: Question, incidental: NDArray[np.float32], residual: Array, names: Sequence[str]) -> Array:
+def _incident_fit(
+    question: FieldQuestion, incidental: NDArray[np.float32], residual: Array, names: Sequence[str]
+) -> Array:
     """Return sizes (I,) of incidental columns by least squares of a residual (T, R), joints weighted by their floor."""
     columns, good = [INCIDENTAL.index(name) for name in names], np.isfinite(residual)
     unit, floor = question.machine.layout.typical[columns], question.machine.floor.rms
@@ -522,7 +524,7 @@ class Spot:
         return self.residual / max(self.healthy, 1e-9)
 
 
-def where(question: Question, residuals: Sequence[Array]) -> list[Spot]:
+def where(question: FieldQuestion, residuals: Sequence[Array]) -> list[Spot]:
     """Return joints by their residual over the noise floor, the largest first, and of each its regimes likewise."""
     machine = question.machine
     model, spots = machine.regressors.model, []
@@ -591,7 +593,7 @@ class Picture:
     after: Array
 
 
-def worst_place(question: Question, found: Simulated) -> Picture | None:
+def worst_place(question: FieldQuestion, found: Simulated) -> Picture | None:
     """Return the fifteen seconds of the largest residual over its floor; None where no cylinder moves the joint."""
     machine = question.machine.regressors.model.machine
     ratio = rms(found.before) / question.machine.floor.rms
@@ -618,7 +620,7 @@ def worst_place(question: Question, found: Simulated) -> Picture | None:
 # Shape of an unexplained residual
 
 
-def quantities(question: Question, row: int) -> tuple[list[tuple[str, str, Array]], Array]:
+def quantities(question: FieldQuestion, row: int) -> tuple[list[tuple[str, str, Array]], Array]:
     """Return what a residual of a joint may be a function of: name, detail, values (T,); and its cylinder's direction.
 
     The direction (T,) is -1..1.
@@ -638,7 +640,7 @@ def quantities(question: Question, row: int) -> tuple[list[tuple[str, str, Array
     return found, np.asarray(np.tanh(speed[:, own] / 0.01))
 
 
-def unexplained_shape(question: Question, residuals: Sequence[Array]) -> dict[str, Any]:
+def unexplained_shape(question: FieldQuestion, residuals: Sequence[Array]) -> dict[str, Any]:
     """Return what an unexplained residual goes with, at the joint that has most of it.
 
     Of each quantity the share of the excess energy that a curve over it predicts on spans that it was not fitted to.
@@ -747,7 +749,7 @@ class Refit:
     values: Array
 
 
-def refitted(question: Question) -> Refit:
+def refitted(question: FieldQuestion) -> Refit:
     """Return what a refit of the parameters removes of the reported residual: least squares, the prior around them."""
     layout, machine = question.machine.layout, question.machine
     size, residuals = layout.first, question.residuals()
@@ -772,7 +774,7 @@ def refitted(question: Question) -> Refit:
     return Refit(before, after, share, changes, np.asarray(values, dtype=np.float64))
 
 
-def refitted_sheet(sheet: Question, fitted: Question) -> Refit:
+def refitted_sheet(sheet: FieldQuestion, fitted: FieldQuestion) -> Refit:
     """Return what identifying masses and friction from the recordings removes of the gap of a data sheet.
 
     sheet:  the recordings beside the data sheet, which has no friction

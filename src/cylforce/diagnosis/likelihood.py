@@ -476,7 +476,7 @@ DUMPED = 0.5  # of the way from where the bucket is tilted as a load is lifted t
 
 
 @dataclass(frozen=True)
-class Stretch:
+class FreeStretch:
     """Rows of a recording that are free of contact.
 
     first, last: from the first row to before the last
@@ -519,7 +519,7 @@ class _Cells:
         across, within = np.einsum("nsri,nsr->nri", x, y), np.einsum("nsri,nsrj->nrij", x, x)
         return cls(np.sum(y**2, axis=1), across, within, split(usable.astype(np.float64)).sum(axis=1))
 
-    def path(self, free: Array, busy: Array, precision: Mapping[bool, Array]) -> list[Stretch]:
+    def path(self, free: Array, busy: Array, precision: Mapping[bool, Array]) -> list[FreeStretch]:
         """Return the most probable stretches free of contact (in cells), by dynamic programming.
 
         In a stretch the residual is noise of scale `free` (R,) beside one load; elsewhere it has the scale `busy` (R,).
@@ -537,7 +537,7 @@ class _Cells:
         contact = -self.rows @ np.log(busy) - 0.5 * self.energy @ busy**-2.0
         outside, inside = np.full(count + 1, -np.inf), np.full(count + 1, -np.inf)
         outside[0], came_inside = 0.0, np.zeros(count + 1, dtype=np.bool_)
-        begun: list[Stretch | None] = [None] * (count + 1)
+        begun: list[FreeStretch | None] = [None] * (count + 1)
         for end in range(1, count + 1):
             came_inside[end] = inside[end - 1] - CHANGE > outside[end - 1]
             outside[end] = max(outside[end - 1], inside[end - 1] - CHANGE) + contact[end - 1]
@@ -549,8 +549,8 @@ class _Cells:
                 log = before - 0.5 * energy - norm + gain - np.log(2.0)
                 best = int(np.argmax(log))
                 if log[best] > inside[end]:
-                    inside[end], begun[end] = log[best], Stretch(int(begins[best]), end, loaded)
-        found, end, now_inside = list[Stretch](), count, bool(inside[-1] > outside[-1])
+                    inside[end], begun[end] = log[best], FreeStretch(int(begins[best]), end, loaded)
+        found, end, now_inside = list[FreeStretch](), count, bool(inside[-1] > outside[-1])
         while end > 0:
             stretch = begun[end] if now_inside else None
             if stretch is None:
@@ -562,7 +562,7 @@ class _Cells:
         return found[::-1]
 
     def scales(
-        self, path: Sequence[Stretch], free: Array, busy: Array, precision: Mapping[bool, Array]
+        self, path: Sequence[FreeStretch], free: Array, busy: Array, precision: Mapping[bool, Array]
     ) -> tuple[Array, Array]:
         """Return the noise inside and outside of stretches (R,), as a path leaves it."""
         energy, rows, weight = np.zeros_like(free), np.zeros_like(free), free**-2.0
@@ -584,7 +584,7 @@ class _Cells:
 
 def free_stretches(
     residual: Array, loads: Array, usable: Mask, tilt: Array, typical: Array, settle: int, *, payloads: bool = True
-) -> list[Stretch]:
+) -> list[FreeStretch]:
     """Return the stretches of a recording that are free of contact, each with one load or with carry-back.
 
     The rows in which the filters settle are left out at both ends.
@@ -609,11 +609,11 @@ def free_stretches(
     for each in path:
         first, last = CELL_ROWS * each.first + settle, min(CELL_ROWS * each.last, len(residual)) - settle
         if last - first >= FEWEST_CELLS * CELL_ROWS:
-            found.append(Stretch(first, last, each.loaded))
+            found.append(FreeStretch(first, last, each.loaded))
     return _carried_on(found, np.any(usable, axis=1), tilt, settle)
 
 
-def _carried_on(found: list[Stretch], usable: Mask, tilt: Array, settle: int) -> list[Stretch]:
+def _carried_on(found: list[FreeStretch], usable: Mask, tilt: Array, settle: int) -> list[FreeStretch]:
     """Return the stretches with which loads are carried on: nothing touched the teeth for longer than the filters see,
     and the bucket stayed nearer to where it was as the load was lifted than to where it is emptied."""
     carried, first = [False] * len(found), 0
@@ -635,7 +635,7 @@ def _carried_on(found: list[Stretch], usable: Mask, tilt: Array, settle: int) ->
     return [replace(stretch, carried_on=each) for stretch, each in zip(found, carried, strict=True)]
 
 
-def log_of_other_rows(residual: Array, usable: Mask, found: Sequence[Stretch]) -> float:
+def log_of_other_rows(residual: Array, usable: Mask, found: Sequence[FreeStretch]) -> float:
     """Return the log probability of the rows (T, R) outside of stretches.
 
     Whatever is smooth, and noise, with levels of their own in every block and joint, log-uniform, at least the floor's.
@@ -660,7 +660,7 @@ def log_of_other_rows(residual: Array, usable: Mask, found: Sequence[Stretch]) -
 
 
 @dataclass(frozen=True)
-class Machine:
+class MachineKnowledge:
     """What is known of the healthy machine, in units of the columns' typical sizes.
 
     mean:       (K,)
@@ -776,7 +776,7 @@ class Likelihood:
     gram: Gram
     unit: Array
     forms: tuple[Form, ...]
-    machine: Machine
+    machine: MachineKnowledge
     nuisance: Nuisance | None = None
     corrected: Mapping[int, Array] = field(default_factory=dict)
     support: Callable[[int, Array], float] = _no_support

@@ -22,7 +22,7 @@ from cylforce.diagnosis.constants import (
 from cylforce.diagnosis.likelihood import (
     Form,
     Likelihood,
-    Machine,
+    MachineKnowledge,
     ResidualNoise,
     largest_discrepancy,
     settled_noise,
@@ -34,7 +34,7 @@ from cylforce.diagnosis.regressors import (
     LOAD_CENTRE,
     Regressors,
     ReturnLaw,
-    Rows,
+    TorqueRows,
     return_laws,
     typical_incidents,
 )
@@ -64,7 +64,7 @@ START_TO_START = ("clock_fault",)  # references of one start do not show how it 
 PHASE = 6.0**-0.5  # of a sampling period: standard deviation of the difference of the ages of two readings (uniform)
 
 
-class Source(StrEnum):
+class KnowledgeSource(StrEnum):
     """Where the knowledge of a machine comes from."""
 
     REFERENCES = "recordings of the healthy machine"
@@ -74,7 +74,7 @@ class Source(StrEnum):
 
 
 @dataclass(frozen=True)
-class Layout:
+class ColumnLayout:
     """Which column is what: [parameters | bars | effects | clock, growth of the clock], K in all, then incidental ones.
 
     model:      the machine's model
@@ -170,7 +170,7 @@ class Layout:
                 found += columns
         return found
 
-    def columns(self, rows: Rows, recording: Recording) -> Array:
+    def columns(self, rows: TorqueRows, recording: Recording) -> Array:
         """Return [K columns | incidental | residual] (T, R, K+I+1) of a recording, without its known load's mass."""
         residual = rows.residual
         if recording.load_kg:
@@ -199,7 +199,7 @@ class Seen:
     """
 
     recording: Recording
-    rows: Rows
+    rows: TorqueRows
     blocks: Blocks
     added: Blocks
     twin: Array
@@ -231,11 +231,11 @@ class HealthyMachine:
     """
 
     regressors: Regressors
-    layout: Layout
-    source: Source
+    layout: ColumnLayout
+    source: KnowledgeSource
     floor: NoiseFloor
     known: Mask
-    machine: Machine
+    machine: MachineKnowledge
     values: Array
     floor_seen: Array
     floor_unseen: Array
@@ -253,7 +253,7 @@ def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
     Each row is weighted by the residual of the first round; where a known load hangs is fitted beside.
     """
     regressors, count = Regressors(model, np.zeros(len(model.parameters))), len(model.parameters)
-    layout = Layout(model, ())
+    layout = ColumnLayout(model, ())
     columns, size = [], layout.size
     for k, each in enumerate(recordings):
         whole = layout.columns(regressors.rows(each, ()), each)
@@ -302,7 +302,7 @@ class _Least:
     unseen: list[Array]
 
 
-def _least_squares(layout: Layout, columns: Sequence[Array], loads: Sequence[bool], scale: Array) -> _Least:
+def _least_squares(layout: ColumnLayout, columns: Sequence[Array], loads: Sequence[bool], scale: Array) -> _Least:
     """Fit the mechanical columns, and where each known load hangs, to recordings (T, R, K+I+1)."""
     own, extra = layout.mechanical, [k for k, loaded in enumerate(loads) if loaded]
     parts = []
@@ -339,7 +339,7 @@ def learnt(
     recordings: Sequence[Recording],
     sensor_noise: Array,
     rng: np.random.Generator,
-    source: Source = Source.REFERENCES,
+    source: KnowledgeSource = KnowledgeSource.REFERENCES,
     shares: Sequence[float] = PRIOR_SHARES,
 ) -> HealthyMachine:
     """Learn a healthy machine from its recordings.
@@ -348,7 +348,7 @@ def learnt(
     """
     rows = [regressors.rows(each, proposals) for each in recordings]
     base_rate = float(np.sqrt(np.mean(np.concatenate([r.base_rate for r in rows]) ** 2)))
-    layout = Layout(regressors.model, proposals, base_rate > STEADY_BASE)
+    layout = ColumnLayout(regressors.model, proposals, base_rate > STEADY_BASE)
     counted = quiet_blocks(layout, rows, recordings)
     rows = [_without_blocks(r, kept) for r, kept in zip(rows, counted, strict=True)]
     columns = [layout.columns(r, each) for r, each in zip(rows, recordings, strict=True)]
@@ -360,7 +360,7 @@ def learnt(
         least = _least_squares(layout, columns, loads, floor.rms)
     floor = NoiseFloor.of(least.seen)
     known = np.sum([np.sum(np.isfinite(e), axis=0) for e in least.seen], axis=0) > 0
-    if source is Source.SIMULATION:  # a simulation without noise would make every residual a gap
+    if source is KnowledgeSource.SIMULATION:  # a simulation without noise would make every residual a gap
         floor = _with_sensor_noise(regressors, recordings, rows, floor, sensor_noise, rng)
     own = [*range(layout.size)]
     seen = [
@@ -391,7 +391,7 @@ def learnt(
     )
 
 
-def _by_recording(layout: Layout, seen: Sequence[Seen], own: list[int]) -> list[Gram]:
+def _by_recording(layout: ColumnLayout, seen: Sequence[Seen], own: list[int]) -> list[Gram]:
     """Return one Gram per file, with where its load hangs as columns of their own, marginalised later by slicing."""
     names = list(dict.fromkeys(s.recording.name for s in seen))
     loaded = [name for name in names if any(s.recording.load_kg for s in seen if s.recording.name == name)]
@@ -403,7 +403,7 @@ def _by_recording(layout: Layout, seen: Sequence[Seen], own: list[int]) -> list[
 
 
 def gram_with_loads(
-    layout: Layout, seen: Seen, own: list[int], loaded: Sequence[str], mask: Mask | None = None
+    layout: ColumnLayout, seen: Seen, own: list[int], loaded: Sequence[str], mask: Mask | None = None
 ) -> Gram:
     """Return the Gram of a recording with columns `own`, then where the load of each loaded recording hangs.
 
@@ -433,9 +433,9 @@ def _padded(noise: SharedNoise, own: int, more: int, joints: int) -> SharedNoise
 
 def with_noise(
     regressors: Regressors,
-    layout: Layout,
+    layout: ColumnLayout,
     recording: Recording,
-    rows: Rows,
+    rows: TorqueRows,
     floor: NoiseFloor,
     sensor_noise: Array,
     rng: np.random.Generator,
@@ -457,7 +457,7 @@ def with_noise(
 def _with_sensor_noise(
     regressors: Regressors,
     recordings: Sequence[Recording],
-    rows: Sequence[Rows],
+    rows: Sequence[TorqueRows],
     floor: NoiseFloor,
     sensor_noise: Array,
     rng: np.random.Generator,
@@ -470,7 +470,7 @@ def _with_sensor_noise(
 def noise_of_sensors(
     regressors: Regressors,
     recordings: Sequence[Recording],
-    rows: Sequence[Rows],
+    rows: Sequence[TorqueRows],
     sensor_noise: Array,
     rng: np.random.Generator,
 ) -> NoiseFloor:
@@ -495,7 +495,9 @@ def _mean_squares(residual: Array) -> Array:
 mean_squares = _mean_squares
 
 
-def _learnt_machine(layout: Layout, grams: Sequence[Gram], rate_hz: float, shares: Sequence[float]) -> Machine:
+def _learnt_machine(
+    layout: ColumnLayout, grams: Sequence[Gram], rate_hz: float, shares: Sequence[float]
+) -> MachineKnowledge:
     """Return what recordings tell of the columns.
 
     Empirical Bayes: the healthy spread of effects is multiplied by the share that makes the recordings most probable,
@@ -518,7 +520,7 @@ def _learnt_machine(layout: Layout, grams: Sequence[Gram], rate_hz: float, share
     forms = forms_of(layout)
     variation = _stated_variation(layout, forms, rate_hz)
     covariance = _unsure_signs(forms, layout.unit, mean[:size], covariance[:size, :size])
-    found = Machine(mean[:size], covariance, variation, noise)
+    found = MachineKnowledge(mean[:size], covariance, variation, noise)
     if len(grams) >= FEWEST_REFERENCES:
         found = replace(found, variation=_learnt_variation(layout, forms, grams, healthy, variation))
     return found
@@ -536,7 +538,7 @@ def _posterior_of(total: Gram, healthy: Array) -> tuple[ResidualNoise, Array, Ar
         energies = total.energies(np.append(-mean, 1.0), covariance)
         noise = _where_shown(settled_noise(total, energies, None), total.rows)
     level = np.where(total.rows > 0.0, largest_discrepancy(total, *energies), noise.discrepancy)
-    machine = Machine(np.zeros(len(healthy)), np.diag(healthy**2), np.zeros(len(healthy)), noise)
+    machine = MachineKnowledge(np.zeros(len(healthy)), np.diag(healthy**2), np.zeros(len(healthy)), noise)
     case = Likelihood(total, np.ones(len(healthy)), (), machine)
     return replace(noise, discrepancy=level), mean, covariance, case.state(noise).log
 
@@ -566,7 +568,7 @@ def _where_shown(noise: ResidualNoise, rows: Array) -> ResidualNoise:
     )
 
 
-def forms_of(layout: Layout, dry: Array | None = None) -> tuple[Form, ...]:
+def forms_of(layout: ColumnLayout, dry: Array | None = None) -> tuple[Form, ...]:
     """Return one form of every proposal that lasts; () columns of a change of load are filled in by the search."""
     found = []
     for p, columns in zip(layout.proposals, layout.places, strict=True):
@@ -578,12 +580,12 @@ def forms_of(layout: Layout, dry: Array | None = None) -> tuple[Form, ...]:
     return tuple(found)
 
 
-def lasting(layout: Layout) -> list[Proposal]:
+def lasting(layout: ColumnLayout) -> list[Proposal]:
     """Return the proposals of `forms_of`, in its order."""
     return [p for p in layout.proposals if p.course is not TimeCourse.WINDOWS]
 
 
-def _stated_variation(layout: Layout, forms: Sequence[Form], rate_hz: float) -> Array:
+def _stated_variation(layout: ColumnLayout, forms: Sequence[Form], rate_hz: float) -> Array:
     """Return the run-to-run variation (K,) as physics says."""
     found = np.zeros(layout.size)
     for form in forms:
@@ -619,7 +621,7 @@ def _unsure_signs(forms: Sequence[Form], unit: Array, mean: Array, covariance: A
 
 
 def _learnt_variation(
-    layout: Layout, forms: Sequence[Form], grams: Sequence[Gram], healthy: Array, stated: Array
+    layout: ColumnLayout, forms: Sequence[Form], grams: Sequence[Gram], healthy: Array, stated: Array
 ) -> Array:
     """Return the run-to-run variation (K,) that makes each recording most probable by the others, up or down.
 
@@ -634,7 +636,7 @@ def _learnt_variation(
         trial = np.append(np.where(varying, times * stated, stated), more)
         log = -0.5 * float(np.log2(times)) ** 2
         for gram, (noise, mean, covariance, _) in zip(grams, fits, strict=True):
-            case = Likelihood(gram, np.ones(len(healthy)), (), Machine(mean, covariance, trial, noise))
+            case = Likelihood(gram, np.ones(len(healthy)), (), MachineKnowledge(mean, covariance, trial, noise))
             log += case.hypothesis((), noise).log
         logs.append(log)
     return np.asarray(np.where(varying, VARIATION_TIMES[int(np.argmax(logs))] * stated, stated))
@@ -659,7 +661,7 @@ def identified(
     covariance:  (P, P) of the parameters
     unexplained: (R,) residual torque [N m, rms]
     """
-    layout = Layout(regressors.model, proposals)
+    layout = ColumnLayout(regressors.model, proposals)
     rows = [regressors.rows(each, ()) for each in field]
     floor = noise_of_sensors(regressors, field, rows, sensor_noise, rng).scaled(unexplained)
     count, joints = len(covariance), len(unexplained)
@@ -669,12 +671,12 @@ def identified(
     whole[:count, :count] = covariance / np.outer(layout.unit[:count], layout.unit[:count])
     noise = ResidualNoise(np.ones(joints), np.ones(joints), np.full(joints, UNSEEN_WIDTH))
     variation = _stated_variation(layout, forms_of(layout), regressors.model.filters.rate_hz)
-    machine = Machine(np.zeros(layout.size), whole, variation, noise)
+    machine = MachineKnowledge(np.zeros(layout.size), whole, variation, noise)
     squares = np.tile(unexplained**2, (FOLDS, 1))
     return HealthyMachine(
         regressors,
         layout,
-        Source.IDENTIFICATION,
+        KnowledgeSource.IDENTIFICATION,
         floor,
         np.ones(joints, dtype=np.bool_),
         machine,
@@ -723,7 +725,7 @@ def with_variation(machine: HealthyMachine, everyday: Mapping[str, float]) -> He
 # Blocks of references in which the machine works
 
 
-def quiet_blocks(layout: Layout, rows: Sequence[Rows], recordings: Sequence[Recording]) -> list[Mask]:
+def quiet_blocks(layout: ColumnLayout, rows: Sequence[TorqueRows], recordings: Sequence[Recording]) -> list[Mask]:
     """Return the blocks (B,) of each recording that show the machine itself: without contact and unknown loads.
 
     Least trimmed squares (Rousseeuw & Van Driessen 2006): the model's parameters are fitted to the quarter of the
@@ -741,7 +743,7 @@ def quiet_blocks(layout: Layout, rows: Sequence[Rows], recordings: Sequence[Reco
     return [np.asarray(part) for part in np.split(kept if np.any(kept) else np.ones_like(kept), ends)]
 
 
-def _without_blocks(rows: Rows, kept: Mask) -> Rows:
+def _without_blocks(rows: TorqueRows, kept: Mask) -> TorqueRows:
     """Return the rows with NaN residuals in the blocks (B,) that do not count."""
     on = np.repeat(kept, BLOCK_ROWS)[: len(rows.t)]
     return replace(rows, residual=np.where(on[:, None], rows.residual, np.nan))
@@ -758,7 +760,7 @@ TRIM_ROUNDS = 20
 class _Trimmed:
     """Least trimmed squares of blocks (B, BLOCK_ROWS, R, P' + I + 1): own columns, incidental ones, the residual."""
 
-    layout: Layout
+    layout: ColumnLayout
     blocks: Array
 
     @cached_property
@@ -882,7 +884,7 @@ REGIMES = (
 )
 
 
-def regime(name: str, rows: Rows, recording: Recording, cylinder: int, joint: int) -> Mask:
+def regime(name: str, rows: TorqueRows, recording: Recording, cylinder: int, joint: int) -> Mask:
     """Return which rows (T,) are of a regime of a joint and its cylinder."""
     speed, angle = rows.speed[:, cylinder], rows.posture[:, joint]
     loaded = np.full(len(rows.t), recording.load_kg > 0.0)
@@ -902,7 +904,7 @@ def regime(name: str, rows: Rows, recording: Recording, cylinder: int, joint: in
 
 
 def regime_rms(
-    model: Model, rows: Sequence[Rows], recordings: Sequence[Recording], residuals: Sequence[Array]
+    model: Model, rows: Sequence[TorqueRows], recordings: Sequence[Recording], residuals: Sequence[Array]
 ) -> Array:
     """Return the rms (regimes, R) [N m] of residuals (T, R) by regime; NaN where a regime does not occur."""
     found = np.full((len(REGIMES), len(model.machine.rows)), np.nan)

@@ -84,8 +84,8 @@ LIGHTEST = 1e-9  # kg: stands for no load in a quotient
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Rows of a recording: T rows, R measured joints, C cylinders, N links.
+class TorqueRows:
+    """TorqueRows of a recording: T rows, R measured joints, C cylinders, N links.
 
     base:       (T, R, P) columns of the model's parameters
     bars:       (T, R, Q) columns of the bars of linkages
@@ -110,9 +110,9 @@ class Rows:
     posture: Array
     base_rate: Array
 
-    def first(self, count: int) -> "Rows":
+    def first(self, count: int) -> "TorqueRows":
         """Return the first rows."""
-        return Rows(**{f.name: getattr(self, f.name)[:count] for f in fields(self)})
+        return TorqueRows(**{f.name: getattr(self, f.name)[:count] for f in fields(self)})
 
 
 def courses(share: Array) -> Array:
@@ -200,7 +200,7 @@ class Regressors:
 
     @property
     def rows_hz(self) -> float:
-        """Rows a second: ROWS_HZ, or next to it where the service's rate is no multiple of that."""
+        """TorqueRows a second: ROWS_HZ, or next to it where the service's rate is no multiple of that."""
         return self.model.filters.rate_hz / self._thin
 
     @cached_property
@@ -251,9 +251,11 @@ class Regressors:
         """Latency of a row behind its samples [s]."""
         return self.channel_lag + self.regressor.delay
 
-    # Rows
+    # TorqueRows
 
-    def rows(self, recording: Recording, proposals: Sequence[Proposal], lost: NDArray[np.bool_] | None = None) -> Rows:
+    def rows(
+        self, recording: Recording, proposals: Sequence[Proposal], lost: NDArray[np.bool_] | None = None
+    ) -> TorqueRows:
         """Return the rows of a recording, with one column of each size of the proposals.
 
         lost: (T', R) which rows are not usable, of as many or more; None: computed from levers, end stops and rest
@@ -280,7 +282,7 @@ class Regressors:
         columns = [self._columns(p, e, run, base, t, forces)[late] for p, e in lasting]
         effects = np.concatenate([np.zeros((*base[late].shape[:2], 0)), *columns], axis=-1, dtype=np.float64)
         motion = moved.motion
-        return Rows(
+        return TorqueRows(
             base=base[late].copy(),
             bars=filtered.columns[late, :, size + len(laws) :].copy(),
             effects=np.where(np.isfinite(effects), effects, 0.0).astype(np.float32),
@@ -293,7 +295,7 @@ class Regressors:
             base_rate=base_rate[late],
         )
 
-    def column_source(self, recording: Recording, rows: Rows) -> "ColumnSource":
+    def column_source(self, recording: Recording, rows: TorqueRows) -> "ColumnSource":
         """Return what computes the column of one more effect along a recording with known rows."""
         values = recording.values
         moved = self.slow.channels.run(self.thinned(values))
@@ -427,7 +429,7 @@ class Regressors:
         values = undistorted(self.weighed, effects, recording.values, recording.times(self.model.filters.rate_hz))
         return other, replace(recording, values=values)
 
-    def simulated(self, recording: Recording, rows: Rows, effects: Sequence[Imposed], load: Array) -> Rows:
+    def simulated(self, recording: Recording, rows: TorqueRows, effects: Sequence[Imposed], load: Array) -> TorqueRows:
         """Return the rows as a machine with effects explains them: base, bars and residual along the true motion.
 
         The effects are read as the simulated machine reads them, so that a wrong unit, sign, place or time shows. The
@@ -492,7 +494,7 @@ class _Simulated:
     parameters: Array
     load: Array
 
-    def rows(self, values: Array, rows: Rows, recording: Recording) -> Rows:
+    def rows(self, values: Array, rows: TorqueRows, recording: Recording) -> TorqueRows:
         """Return rows with base, bars and residual along the true readings (T, S)."""
         own, late, size = self.regressors, slice(self.regressors.slow.settle_steps, None), len(self.parameters)
         moved = own.slow.channels.run(own.thinned(values))
@@ -604,7 +606,7 @@ class ReturnLevel:
 
 
 def _discharging(
-    machine: Machine, sensor: int, recording: Recording, rows: Rows, rate_hz: float
+    machine: Machine, sensor: int, recording: Recording, rows: TorqueRows, rate_hz: float
 ) -> list[tuple[NDArray[np.intp], float, float]]:
     """Return (rows, speed [m/s], pressure [Pa]) of every block in which a chamber discharges oil evenly."""
     signal = machine.signals[sensor]
@@ -631,7 +633,7 @@ def _speed_columns(speeds: Sequence[float]) -> Array:
     return np.stack([np.ones_like(speed), np.abs(speed), speed**2], axis=-1)
 
 
-def return_laws(machine: Machine, seen: Sequence[tuple[Recording, Rows]], rate_hz: float) -> dict[int, ReturnLaw]:
+def return_laws(machine: Machine, seen: Sequence[tuple[Recording, TorqueRows]], rate_hz: float) -> dict[int, ReturnLaw]:
     """Return the laws of recordings of a healthy machine, by the number of the pressure's signal."""
     found = {}
     for sensor, signal in enumerate(machine.signals):
@@ -664,7 +666,7 @@ def _fitted_law(columns: Array, pressures: Array) -> ReturnLaw:
 
 
 def return_levels(
-    machine: Machine, laws: dict[int, ReturnLaw], seen: Sequence[tuple[Recording, Rows]], rate_hz: float
+    machine: Machine, laws: dict[int, ReturnLaw], seen: Sequence[tuple[Recording, TorqueRows]], rate_hz: float
 ) -> dict[int, ReturnLevel]:
     """Return by how much the return pressures of recordings exceed the healthy machine's laws, by signal."""
     found = {}
@@ -690,7 +692,7 @@ def return_evidence(
     level: ReturnLevel,
     p: Proposal,
     size: float,
-    seen: Sequence[tuple[Recording, Rows]],
+    seen: Sequence[tuple[Recording, TorqueRows]],
     rate_hz: float,
 ) -> float:
     """Return the evidence [nats] of return pressures for an error of a pressure sensor of that size, against none."""

@@ -30,7 +30,7 @@ from cylforce.diagnosis.likelihood import (
     Hypothesis,
     Likelihood,
     Losses,
-    Machine,
+    MachineKnowledge,
     Nuisance,
     Payload,
     _Marginal,
@@ -46,8 +46,8 @@ from cylforce.diagnosis.model import (
     CENTRE,
     GROWTH_S,
     HealthyMachine,
+    KnowledgeSource,
     Seen,
-    Source,
     forms_of,
     lasting,
 )
@@ -123,7 +123,7 @@ class Refined:
 
 
 @dataclass(frozen=True)
-class Question:
+class FieldQuestion:
     """Recordings under diagnosis beside a healthy machine.
 
     machine: the healthy machine
@@ -270,7 +270,7 @@ class Question:
         return SharedNoise(found, noise.counts)
 
     @cached_property
-    def knowledge(self) -> Machine:
+    def knowledge(self) -> MachineKnowledge:
         """The healthy machine with the columns that only these recordings have; parameters free if that is asked."""
         own, more = self.machine.machine, self.size - self.machine.layout.size
         covariance = np.zeros((self.size, self.size))
@@ -281,7 +281,7 @@ class Question:
         for k in range(CENTRE * len(self.loaded)):
             covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
         pad = np.zeros(more)
-        return Machine(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise)
+        return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise)
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
         """Return the likelihood of the recordings, or of some of their blocks (B,)."""
@@ -297,7 +297,7 @@ class Question:
             covariance = np.zeros((len(unit), len(unit)))
             covariance[: self.size, : self.size] = knowledge.covariance
             mean, variation = np.append(knowledge.mean, zero), np.append(knowledge.variation, zero)
-            knowledge = Machine(mean, covariance, variation, knowledge.noise)
+            knowledge = MachineKnowledge(mean, covariance, variation, knowledge.noise)
         return Likelihood(gram, unit, self.forms, knowledge, corrected=self.applied, support=self.evidence_for)
 
     def _refined_blocks(self, kept: Mask | None) -> list[tuple[Blocks, SharedNoise]]:
@@ -402,7 +402,7 @@ class Question:
             found.append(np.where(usable, value, np.nan))
         return found
 
-    def corrected(self, applied: Sequence[tuple[int, Applied]]) -> "Question":
+    def corrected(self, applied: Sequence[tuple[int, Applied]]) -> "FieldQuestion":
         """Return the question with effects, by number of their form, taken out of the readings at their sizes.
 
         The columns of all other effects stay as they are. The sensors' noise in residual and columns is what a
@@ -547,7 +547,7 @@ def _with_each(case: Likelihood, forms: tuple[int, ...], free: list[int], state:
 
 
 @dataclass(frozen=True)
-class Incident:
+class BlockIncident:
     """Something that happens in single blocks, alone or beside the effects of a hypothesis.
 
     key:    name and place; UNKNOWN of a free torque
@@ -579,12 +579,12 @@ class Incident:
 
 
 def incidents(
-    question: Question,
+    question: FieldQuestion,
     case: Likelihood,
     residual: Array,
     wanted: Callable[[Proposal], bool],
     beside: Hypothesis | None = None,
-) -> list[Incident]:
+) -> list[BlockIncident]:
     """Return every incident with the blocks in which it most probably happens, alone or beside a hypothesis.
 
     residual: coefficients (K'+1,) of the residual without it
@@ -608,11 +608,11 @@ def incidents(
         h = replace(case, nuisance=own).likeliest(forms, noise, doubt)
         key = UNKNOWN if p.name == UNKNOWN_TORQUE else (p.name, p.at)
         before = beside.rest if beside else float(np.max(case.rests(residual)))
-        found.append(Incident(key, p, sizes, h.log + log_prior_of_blocks(sizes > 0.0), h.rest, before, own))
+        found.append(BlockIncident(key, p, sizes, h.log + log_prior_of_blocks(sizes > 0.0), h.rest, before, own))
     return found
 
 
-def changed_load(question: Question, case: Likelihood) -> LoadStep | None:
+def changed_load(question: FieldQuestion, case: Likelihood) -> LoadStep | None:
     """Return when a known load most probably became another one; None without a known load."""
     loaded = [(span, s) for span, s in zip(question.spans, question.seen, strict=True) if s.recording.load_kg]
     if not loaded:
@@ -692,7 +692,7 @@ class Work:
     names:    of the recordings that work
     """
 
-    question: Question
+    question: FieldQuestion
     case: Likelihood
     gaps: Array
     share: float
@@ -700,7 +700,7 @@ class Work:
     names: frozenset[str]
 
 
-def at_work(question: Question, names: frozenset[str]) -> Work | None:
+def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
     """Return recordings with the stretches of those that may work; None where none is free of contact."""
     machine, unit, size = question.machine, np.append(question.unit, 1.0), question.size
     settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
@@ -790,7 +790,12 @@ def _shared_by_block(noise: SharedNoise, blocks: Blocks, typical: Array) -> Arra
 
 
 def _spill(
-    question: Question, case: Likelihood, payload: Payload, losses: Losses, parts: list[tuple[int, int]], gaps: Array
+    question: FieldQuestion,
+    case: Likelihood,
+    payload: Payload,
+    losses: Losses,
+    parts: list[tuple[int, int]],
+    gaps: Array,
 ) -> Spill | None:
     """Return what fell out of loads that are carried on, beside a healthy machine, of which a load seldom does so."""
     proposal = next((p for p in question.machine.layout.proposals if p.name == PayloadSpill().about.name), None)
@@ -828,8 +833,8 @@ class Candidate:
     """
 
     hypothesis: Hypothesis
-    question: Question
-    incident: Incident | None = None
+    question: FieldQuestion
+    incident: BlockIncident | None = None
 
     @property
     def log(self) -> float:
@@ -883,10 +888,10 @@ class Found:
     work:        recordings in which the machine works; None where it does not
     """
 
-    question: Question
+    question: FieldQuestion
     case: Likelihood
     candidates: tuple[Candidate, ...]
-    incidents: tuple[Incident | Spill, ...]
+    incidents: tuple[BlockIncident | Spill, ...]
     gaps: Array
     work: Work | None = None
 
@@ -903,7 +908,7 @@ def without_gap(residual: Array, floor: Array | float = 1.0) -> Mask:
 
 
 def examined(
-    question: Question,
+    question: FieldQuestion,
     wanted: Callable[[Proposal], bool],
     watch: Callable[[str], None] = lambda _: None,
     gate: bool = True,
@@ -921,7 +926,7 @@ def examined(
         question = replace(question, step=step)
         case = question.likelihood()
     allowed = [k for k, p in enumerate(question.proposals) if wanted(p)]
-    if gate and question.machine.source is not Source.DATA_SHEET:
+    if gate and question.machine.source is not KnowledgeSource.DATA_SHEET:
         allowed = _showing(question, case, allowed, without_gap(gaps))
     hypotheses = searched(case, allowed)
     jumps = [p for p in allowed if question.forms[p].name == GLITCH]
@@ -951,7 +956,9 @@ def examined(
     return Found(question, case, tuple(candidates), tuple(alone), gaps)
 
 
-def _beside_contact(question: Question, case: Likelihood, base: Hypothesis, allowed: Sequence[int]) -> list[Candidate]:
+def _beside_contact(
+    question: FieldQuestion, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
+) -> list[Candidate]:
     """Return hypotheses where the rows with contact do not count, as a hypothesis of one effect shows them."""
     outside = _without_contact(question, case.under(base.forms, case.state(base.noise))[2])
     if outside is None:
@@ -959,7 +966,7 @@ def _beside_contact(question: Question, case: Likelihood, base: Hypothesis, allo
     return [Candidate(h, outside[0]) for h in searched(outside[1], allowed) if h.forms]
 
 
-def _without_contact(question: Question, coefficients: Array) -> tuple[Question, Likelihood] | None:
+def _without_contact(question: FieldQuestion, coefficients: Array) -> tuple[FieldQuestion, Likelihood] | None:
     """Return the recordings without the rows with contact, and their likelihood, the other rows apart.
 
     Contact that begins within a block is no smooth force. None where there is no contact, or contact in most rows.
@@ -989,7 +996,7 @@ def _without_contact(question: Question, coefficients: Array) -> tuple[Question,
     return other, replace(other.likelihood(), apart=apart)
 
 
-def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[Incident]) -> Work | None:
+def _work(question: FieldQuestion, candidates: Sequence[Candidate], alone: Sequence[BlockIncident]) -> Work | None:
     """Return the recordings as working ones where that is likelier than all that was found for each of them.
 
     Every recording is judged by itself: a check-up counts in full beside a day of work.
@@ -1018,7 +1025,7 @@ def _work(question: Question, candidates: Sequence[Candidate], alone: Sequence[I
     return at_work(question, frozenset(chosen)) if chosen else None
 
 
-def _examined_at_work(question: Question, work: Work, wanted: Callable[[Proposal], bool], gate: bool) -> Found:
+def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Proposal], bool], gate: bool) -> Found:
     """Return what may be a cause beside unknown loads; masses on the tool are such loads themselves."""
     other, last = work.question, len(question.machine.regressors.model.machine.links) - 1
     allowed = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
@@ -1031,7 +1038,7 @@ def _examined_at_work(question: Question, work: Work, wanted: Callable[[Proposal
     return Found(other, work.case, tuple(found), spills, work.gaps, work)
 
 
-def _showing(question: Question, case: Likelihood, allowed: list[int], still: Mask) -> list[int]:
+def _showing(question: FieldQuestion, case: Likelihood, allowed: list[int], still: Mask) -> list[int]:
     """Return the forms whose largest torque is at a joint with a gap; what begins later, or is filtered, need not."""
     found = []
     for k in allowed:
@@ -1046,7 +1053,7 @@ def _showing(question: Question, case: Likelihood, allowed: list[int], still: Ma
     return found
 
 
-def _at_magnitudes(question: Question, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
+def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
     """Return the candidates; the most probable ones also with their shape parameters refined, with their columns at
     their magnitudes, and with one effect more beside the first of them."""
 
@@ -1110,7 +1117,7 @@ def refined(candidate: Candidate) -> Candidate:
 
 
 def _refined_by(
-    question: Question, proposal: Proposal, sources: Sequence[ColumnSource], twins: Sequence[ColumnSource]
+    question: FieldQuestion, proposal: Proposal, sources: Sequence[ColumnSource], twins: Sequence[ColumnSource]
 ) -> Refined:
     """Return an effect with its columns along the recordings, and what the sensors' noise once more adds to these."""
     columns = tuple(source.columns(proposal) for source in sources)
@@ -1145,7 +1152,7 @@ def corrected(candidate: Candidate) -> Candidate:
     return found
 
 
-def _applied(question: Question, h: Hypothesis) -> list[tuple[int, Applied]]:
+def _applied(question: FieldQuestion, h: Hypothesis) -> list[tuple[int, Applied]]:
     """Return the effects of a hypothesis that bend, with their sizes [SI], by number of their form."""
     found, k = [], 0
     for p in h.forms:

@@ -13,7 +13,7 @@ from cylforce.commissioning.explained import row_noise
 from cylforce.commissioning.wiring import MISFIT, misfit
 from cylforce.diagnosis.constants import ROWS_HZ
 from cylforce.diagnosis.recordings import Recording
-from cylforce.diagnosis.regressors import Regressors, Rows
+from cylforce.diagnosis.regressors import Regressors, TorqueRows
 from cylforce.effects.library import Proposal
 from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import Factors, factors, joined, of_row, stacked_triangle
@@ -135,7 +135,7 @@ def _factors(regressors: Regressors, recorded: Sequence[Recording], wanted: Sequ
     return data
 
 
-def _blocked(regressors: Regressors, rows: Rows) -> Factors:
+def _blocked(regressors: Regressors, rows: TorqueRows) -> Factors:
     """Return the factors of one stretch."""
     columns = np.concatenate([rows.base, rows.effects], axis=-1, dtype=np.float64)
     torque = rows.residual + rows.base @ regressors.parameters

@@ -31,7 +31,7 @@ from cylforce.programs.common.gap_question import Question
 from cylforce.programs.common.progress import Watch, progress_bar, silent
 from cylforce.programs.common.readings import header_of, model_of
 from cylforce.programs.common.statistics_cache import StatisticsCache
-from cylforce.programs.experiments.catalogue import STAIRS_S, STILL_S, TOGETHER_S, Motion, checkup
+from cylforce.programs.experiments.catalogue import STAIRS_S, STILL_S, TOGETHER_S, RecommendedMotion, checkup
 from cylforce.programs.experiments.motions import table_of
 from cylforce.programs.gap import Diagnosed, diagnose
 from cylforce.programs.live.collector import Collector, View
@@ -70,7 +70,7 @@ class End(StrEnum):
 
 
 @dataclass(frozen=True)
-class Step:
+class CheckupStep:
     """One recording more.
 
     recording: its name
@@ -98,12 +98,12 @@ class Checked:
     found:       the last diagnosis
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[CheckupStep, ...]
     end: End
     inseparable: tuple[Key, ...]
     by_hand: tuple[str, ...]
     still_next: bool
-    next: Motion | None
+    next: RecommendedMotion | None
     found: Diagnosed
 
 
@@ -122,7 +122,7 @@ def check_recordings_of(
     """
     if not question.field:
         raise RecordingError("no recording to check: give one or more, or --bus to record them")
-    steps, checked = list[Step](), None
+    steps, checked = list[CheckupStep](), None
     for count in range(1, len(question.field) + 1):
         own = {path.name for path in (*question.field[:count], *question.healthy)}
         loads = {name: kg for name, kg in question.loads.items() if name in own}
@@ -139,7 +139,7 @@ def check_recordings_of(
     return checked
 
 
-def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[Step, Checked]:
+def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[CheckupStep, Checked]:
     """Return what recordings so far say, and whether the check-up goes on."""
     name = question.field[-1].name
     if found.diagnosis is None or found.plan is None:
@@ -165,7 +165,7 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[S
         end = End.CERTAIN
     elif missing is None and not still_next and not plan.advice:
         end = End.INSEPARABLE if plan.inseparable else End.NO_MOTION
-    step = Step(name, str(found.diagnosis.verdict), causes, separates)
+    step = CheckupStep(name, str(found.diagnosis.verdict), causes, separates)
     open_causes = plan.inseparable if end is End.INSEPARABLE else evidence.credible
     proposals = evidence.found.question.machine.layout.proposals
     by_hand = () if end in (End.HEALTHY, End.CERTAIN) else checks_by_hand(open_causes, proposals)
@@ -175,11 +175,11 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[S
     )
 
 
-def _without_diagnosis(machine: Machine, name: str, found: Diagnosed) -> tuple[Step, Checked]:
+def _without_diagnosis(machine: Machine, name: str, found: Diagnosed) -> tuple[CheckupStep, Checked]:
     """Return a step without a diagnosis: wrong clocks, faulty sensors, too little motion, or a data sheet alone."""
     effects = found.answer.get("effects", [])
     causes = tuple(((each["name"], each["at"]), float(each["confidence"])) for each in effects[:MOST_SHOWN])
-    step = Step(name, found.answer["verdict"], causes)
+    step = CheckupStep(name, found.answer["verdict"], causes)
     end = End.IDENTIFY_FIRST if "identify_first" in found.answer else End.OPEN
     if len(causes) == 1 and causes[0][1] >= CERTAIN and step.verdict == Verdict.EXPLAINED:
         end = End.CERTAIN
@@ -198,7 +198,7 @@ def _holds_zero(causes: Sequence[Key]) -> bool:
     return len(zeros) > 0 and len(causes) > 1
 
 
-def _missing(machine: Machine, seen: Sequence[Seen], rows_hz: float) -> Motion | None:
+def _missing(machine: Machine, seen: Sequence[Seen], rows_hz: float) -> RecommendedMotion | None:
     """Return the motion of the check-up that recordings in the air do not hold yet; None: they hold both."""
     together_s = single_s = 0.0
     for each in seen:
@@ -278,7 +278,7 @@ def answer_of(machine: Machine, checked: Checked) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Outputs:
+class CheckupOutputs:
     """Where to write what, None where not.
 
     answer: the check-up as JSON
@@ -290,7 +290,7 @@ class Outputs:
 
 
 def run_checkup(
-    loaded: Loaded, question: Question, outputs: Outputs, console: Console, cache: StatisticsCache | None = None
+    loaded: Loaded, question: Question, outputs: CheckupOutputs, console: Console, cache: StatisticsCache | None = None
 ) -> Checked:
     """Check recordings, print a line of each, write what is wanted.
 
@@ -307,7 +307,7 @@ def run_checkup(
     return checked
 
 
-def _finish(machine: Machine, checked: Checked, outputs: Outputs, console: Console) -> None:
+def _finish(machine: Machine, checked: Checked, outputs: CheckupOutputs, console: Console) -> None:
     for sentence in sentences_of(machine, checked):
         console.print(Text(sentence), soft_wrap=True)
     if outputs.answer is not None:
@@ -326,7 +326,7 @@ def run_guided(
     question: Question,
     bus: str,
     folder: Path,
-    outputs: Outputs,
+    outputs: CheckupOutputs,
     console: Console,
     cache: StatisticsCache | None = None,
 ) -> bool:
@@ -336,7 +336,7 @@ def run_guided(
     folder: where the recordings are written, still.log, 1.log, 2.log ...
     """
     configure_messages(Path(os.devnull).open("w") if sys.stderr.isatty() else sys.stderr)  # noqa: SIM115
-    machine, steps = loaded.service.machine, list[Step]()
+    machine, steps = loaded.service.machine, list[CheckupStep]()
     folder.mkdir(parents=True, exist_ok=True)
     still = folder / "still.log"
     if not _recorded(loaded, bus, still, STILL_WORDS, STILL_S, console, moving=False):

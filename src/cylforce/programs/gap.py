@@ -14,7 +14,7 @@ from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import with_proposals
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
-from cylforce.diagnosis.search import NO_GAP, Incident, Key
+from cylforce.diagnosis.search import NO_GAP, BlockIncident, Key
 from cylforce.effects.incidents.clock_fault import ClockFault as ClockEffect
 from cylforce.effects.library import LIBRARY, UNKNOWN, Group, Proposal
 from cylforce.estimation.model import Model
@@ -29,9 +29,9 @@ from cylforce.programs.common.readings import recorded_segments
 from cylforce.programs.common.recorded import SHORTEST_S, Chosen, at_own_rate, chosen
 from cylforce.programs.common.statistics_cache import StatisticsCache
 from cylforce.programs.experiments.catalogue import STILL_S
-from cylforce.programs.experiments.separation import Plan, planned, sentences
+from cylforce.programs.experiments.separation import MotionPlan, planned, sentences
 from cylforce.programs.wording.fault_words import happening_beside
-from cylforce.readings.clocks import ClockFault, clock_faults
+from cylforce.readings.clocks import ClockSlip, clock_faults
 from cylforce.readings.faulty_sensors import faulty_sensors
 from cylforce.readings.jumps import jumping_sensors
 from cylforce.readings.noise import noise_warning, sensor_noise, usual_noise
@@ -57,7 +57,7 @@ class Diagnosed:
     answer: dict[str, Any]
     diagnosis: Diagnosis | None = None
     sheet: SheetGap | None = None
-    plan: Plan | None = None
+    plan: MotionPlan | None = None
 
 
 def diagnose(
@@ -130,7 +130,7 @@ class _Run:
         warnings = [_left_out(odd, others=bool(same.kept)), *same.warnings]
         return self._compared(Groups(field.stretches, same.kept), warnings, late)
 
-    def _compared(self, groups: Groups, warnings: Sequence[str], late: Sequence[ClockFault]) -> Diagnosed:
+    def _compared(self, groups: Groups, warnings: Sequence[str], late: Sequence[ClockSlip]) -> Diagnosed:
         """Return the answer for recordings that are sound.
 
         warnings: sentences so far
@@ -166,7 +166,7 @@ class _Run:
         texts += _reading_warnings(loaded, groups)
         return Diagnosed(whole | {"warnings": [text for text in texts if text]}, found, plan=plan)
 
-    def _sheet(self, field: Sequence[Recording], warnings: Sequence[str], late: Sequence[ClockFault]) -> Diagnosed:
+    def _sheet(self, field: Sequence[Recording], warnings: Sequence[str], late: Sequence[ClockSlip]) -> Diagnosed:
         """Return the answer where only a data sheet is known: identify the machine first."""
         self.watch("fitting masses and friction", None)
         service = self.loaded.service
@@ -201,7 +201,7 @@ class _Run:
     def _names(self) -> frozenset[str]:
         return frozenset(group[0].about.name for group in self.library) | {UNKNOWN}
 
-    def _clock_faults(self, recordings: Sequence[Recording]) -> Sequence[ClockFault]:
+    def _clock_faults(self, recordings: Sequence[Recording]) -> Sequence[ClockSlip]:
         """Return clock faults, where the library has that effect."""
         if CLOCKS not in self._names:
             return ()
@@ -224,7 +224,7 @@ def _beside(found: Diagnosis) -> tuple[float, Key | None]:
     best = max(evidence.candidates, key=lambda c: strength * c.log + evidence.prior_of(c))
     if best.hypothesis.forms and best.incident is not None:
         return block_s * float(np.sum(best.incident.sizes > 0.0)), best.incident.key
-    alone = [i for i in evidence.incidents if isinstance(i, Incident) and evidence.key_of(i) == NO_GAP]
+    alone = [i for i in evidence.incidents if isinstance(i, BlockIncident) and evidence.key_of(i) == NO_GAP]
     first = max(alone, key=lambda i: i.log, default=None)
     healthy = evidence.found.healthy.log
     if first is None or found.verdict is not Verdict.NO_GAP or first.log < healthy:
@@ -250,7 +250,7 @@ def _moving_seconds(model: Model, recordings: Sequence[Recording]) -> float:
     return rows / regressors.rows_hz
 
 
-def _left_out(odd: Sequence[ClockFault], *, others: bool) -> str:
+def _left_out(odd: Sequence[ClockSlip], *, others: bool) -> str:
     """Return the sentence that names references whose clocks are apart; empty without any."""
     names = ", ".join(dict.fromkeys(fault.name for fault in odd))
     compared = "the other references" if others else "the model alone"

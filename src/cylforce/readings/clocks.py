@@ -33,7 +33,7 @@ JOINT_NATS = float(np.log(CREDIBLE / (1.0 - CREDIBLE)))  # evidence that a joint
 
 
 @dataclass(frozen=True)
-class ClockFault:
+class ClockSlip:
     """A piece of a recording in which pressures are not on the clock of the angles.
 
     name:         of the recording
@@ -74,13 +74,13 @@ JointChoice = tuple[JointRows, tuple[int, ...]]  # a joint, and which of its sen
 Peak = tuple[Clock, float]  # a clock that fits better than those beside it, and its evidence [nats]
 
 
-def clock_faults(model: Model, recordings: Sequence[Recording]) -> list[ClockFault]:
+def clock_faults(model: Model, recordings: Sequence[Recording]) -> list[ClockSlip]:
     """Return the clock faults of recordings, the one with the largest lag first."""
     found = ((recording, *piece) for recording in recordings for piece in pieces(model, recording))
     return sorted((fault for piece in found for fault in faults_of_piece(*piece)), key=lambda f: -abs(f.largest[0]))
 
 
-def faults_of_piece(recording: Recording, begins: float, joints: Sequence[JointRows]) -> Iterator[ClockFault]:
+def faults_of_piece(recording: Recording, begins: float, joints: Sequence[JointRows]) -> Iterator[ClockSlip]:
     """Yield the clock faults of a piece, the most probable first; each joint belongs to one."""
     remaining = list(joints)
     while remaining:
@@ -98,7 +98,7 @@ def faults_of_piece(recording: Recording, begins: float, joints: Sequence[JointR
         remaining = [joint for joint in remaining if all(joint is not other for other, _ in shifted)]
 
 
-def _fault(name: str, begins: float, shifted: Sequence[JointChoice], peaks: Sequence[Peak]) -> ClockFault:
+def _fault(name: str, begins: float, shifted: Sequence[JointChoice], peaks: Sequence[Peak]) -> ClockSlip:
     """Return the fault of the best peak, with the other peaks that may be it."""
     clock, best = peaks[0]
     before, after = np.sum([joint.energy(sensors, clock) for joint, sensors in shifted], axis=0).tolist()
@@ -106,7 +106,7 @@ def _fault(name: str, begins: float, shifted: Sequence[JointChoice], peaks: Sequ
     lags = np.array([c.lags(*span)[0] for c, _ in peaks])
     near = np.max(np.abs(lags - lags[0]), axis=1) <= LARGEST_OFFSET_S
     likely = np.array([height > best - JOINT_NATS for _, height in peaks])
-    return ClockFault(
+    return ClockSlip(
         name,
         begins + span[0],
         begins + span[1],

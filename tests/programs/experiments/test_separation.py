@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cylforce import diagnosis
-from cylforce.diagnosis.decide import Evidence
+from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.model import HealthyMachine, fitted_parameters, learnt
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
@@ -21,7 +21,7 @@ from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.estimation.model import Model
 from cylforce.programs.experiments.catalogue import catalogue, checkup
-from cylforce.programs.experiments.separation import Rival, Separation, planned, sentences
+from cylforce.programs.experiments.separation import RivalCause, Separation, planned, sentences
 from cylforce.readings.zeros import Zero
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
@@ -51,10 +51,10 @@ def healthy() -> HealthyMachine:
     return learnt(regressors, proposals(MACHINE, LIBRARY), references, noise, np.random.default_rng(1))
 
 
-def diagnosed(*effects, zeros=None) -> Evidence:
+def diagnosed(*effects, zeros=None) -> HypothesisEvidence:
     field = [recorded("field", 3, effects)]
     question = diagnosis.question_of(healthy(), field, np.random.default_rng(1), zeros=zeros)
-    return Evidence(examined(question, lambda _: True))
+    return HypothesisEvidence(examined(question, lambda _: True))
 
 
 def abstract(*rivals):
@@ -64,9 +64,9 @@ def abstract(*rivals):
     return found
 
 
-ONE = Rival(("friction", "stick"), 0.6, SimpleNamespace(), np.array([2.0]))
-OTHER = Rival(("gain", "stick"), 0.3, SimpleNamespace(), np.array([3.0]))
-NONE = Rival(NO_GAP, 0.1, None, np.zeros(0))
+ONE = RivalCause(("friction", "stick"), 0.6, SimpleNamespace(), np.array([2.0]))
+OTHER = RivalCause(("gain", "stick"), 0.3, SimpleNamespace(), np.array([3.0]))
+NONE = RivalCause(NO_GAP, 0.1, None, np.zeros(0))
 
 
 def test_orthogonal_signatures_are_as_far_apart_as_they_are_large():
@@ -95,7 +95,7 @@ def proposal(name, at) -> Proposal:
 
 
 def separation(*causes) -> Separation:
-    rivals = [Rival((p.name, p.at), 1.0 / len(causes), p, np.array(sizes)) for p, sizes in causes]
+    rivals = [RivalCause((p.name, p.at), 1.0 / len(causes), p, np.array(sizes)) for p, sizes in causes]
     return Separation(healthy(), tuple(rivals))
 
 

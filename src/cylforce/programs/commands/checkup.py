@@ -48,7 +48,7 @@ def checkup(
     from rich.console import Console
 
     from cylforce.files.atomic import RecordingError, check_outputs
-    from cylforce.programs.checkup import Outputs, run_checkup, run_guided
+    from cylforce.programs.checkup import CheckupOutputs, run_checkup, run_guided
     from cylforce.programs.common.gap_question import Question, known_loads
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.statistics_cache import StatisticsCache, cache_folder
@@ -59,7 +59,7 @@ def checkup(
     check_outputs((output, next_motion), (machine, *own, *references, identified, usual, still), (".json", ".csv"))
     question = Question(own, references, identified, known_loads(load or ()), usual=usual, still=still)
     where = cache_folder() if cache else None
-    kept, outputs = StatisticsCache(where) if where else None, Outputs(output, next_motion)
+    kept, outputs = StatisticsCache(where) if where else None, CheckupOutputs(output, next_motion)
     loaded, console = load_machine(machine), Console(highlight=False)
     if bus is None:
         run_checkup(loaded, question, outputs, console, kept)

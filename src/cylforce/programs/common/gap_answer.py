@@ -8,8 +8,8 @@ import numpy as np
 from cylforce.diagnosis import Diagnosis, Named, SheetGap
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.explain import Refit, Spot, force_error, smallest_detectable, weight_error
-from cylforce.diagnosis.model import Source
-from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Key, Question
+from cylforce.diagnosis.model import KnowledgeSource
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, FieldQuestion, Key
 from cylforce.diagnosis.statistics import rms
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
@@ -19,10 +19,10 @@ MOST_LISTED = 3  # causes of a machine at work that are listed
 MOST_PARAMETERS = 5
 MOST_EVIDENCE = 20
 SOURCES = {
-    Source.REFERENCES: "references",
-    Source.SIMULATION: "simulation",
-    Source.IDENTIFICATION: "identification",
-    Source.DATA_SHEET: "data_sheet",
+    KnowledgeSource.REFERENCES: "references",
+    KnowledgeSource.SIMULATION: "simulation",
+    KnowledgeSource.IDENTIFICATION: "identification",
+    KnowledgeSource.DATA_SHEET: "data_sheet",
 }
 CONFIRM = {  # whether a shape of an unexplained residual is real
     "speed": "move the {at} alone at five speeds, both ways: does it follow the same curve?",
@@ -36,9 +36,9 @@ IDENTIFY = (
     "then diagnose with --identified identified.toml: only what that leaves is a gap"
 )
 BECAUSE = {
-    Source.DATA_SHEET: "nobody has identified this machine",
-    Source.SIMULATION: "the simulation's masses and friction are not this machine's",
-    Source.REFERENCES: "the model's masses and friction are not this machine's",
+    KnowledgeSource.DATA_SHEET: "nobody has identified this machine",
+    KnowledgeSource.SIMULATION: "the simulation's masses and friction are not this machine's",
+    KnowledgeSource.REFERENCES: "the model's masses and friction are not this machine's",
 }
 HEALTHY_MOTION = "record the machine in order in this very motion, as a reference"
 LONGER = "a longer recording that moves every joint both ways, slowly and fast, empty and with a known load"
@@ -75,11 +75,11 @@ def answer(found: Diagnosis) -> dict[str, Any]:
 def sheet_answer(found: SheetGap) -> dict[str, Any]:
     """Return the answer where only a data sheet is known: no effect is named, the parameters come first."""
     question, refit = found.question, found.refit
-    because = BECAUSE[Source.DATA_SHEET]
+    because = BECAUSE[KnowledgeSource.DATA_SHEET]
     gap = _sizes(question, refit, refit.before, refit.after)
     return {
         "verdict": str(Verdict.NOT_OBSERVABLE),
-        "compared_with": SOURCES[Source.DATA_SHEET],
+        "compared_with": SOURCES[KnowledgeSource.DATA_SHEET],
         "reason": because,
         "gap": gap | {"bar": _bars(question, question.residuals(), None), "simulated": []},
         "where": [_spot(spot) for spot in found.spots],
@@ -131,7 +131,7 @@ def _simulated(found: Diagnosis) -> bool:
     return found.evidence.found.work is None
 
 
-def _sizes(question: Question, refit: Refit, fixed: Array, after: Array) -> dict[str, Any]:
+def _sizes(question: FieldQuestion, refit: Refit, fixed: Array, after: Array) -> dict[str, Any]:
     machine = question.machine.regressors.model.machine
     kinds = {"fixed": fixed, "refit": refit.after, "after": after, "floor": question.machine.floor.rms}
     names = [machine.links[j].name for j in machine.rows]
@@ -157,7 +157,9 @@ def _spot(spot: Spot) -> dict[str, Any]:
     }
 
 
-def _bars(question: Question, before: Sequence[Array], after: Sequence[Array] | None) -> dict[str, dict[str, float]]:
+def _bars(
+    question: FieldQuestion, before: Sequence[Array], after: Sequence[Array] | None
+) -> dict[str, dict[str, float]]:
     """Return per measured cylinder the residual as pressure on its head side [bar, rms]."""
     machine = question.machine.regressors.model.machine
     floor = [np.broadcast_to(question.machine.floor.rms, e.shape) for e in before]
@@ -173,7 +175,7 @@ def measured(machine: Machine) -> list[int]:
     return [c for c in sorted(acting) if machine.forces_measured[c]]
 
 
-def _pressures(question: Question, residuals: Sequence[Array]) -> list[Array]:
+def _pressures(question: FieldQuestion, residuals: Sequence[Array]) -> list[Array]:
     """Return residuals (T, R) [N m] as pressures (T, C) [bar] on the head side of the measured cylinders.
 
     pressure = torque / lever / area, the rod side as recorded. Several cylinders of a joint share it by their levers.
@@ -244,12 +246,12 @@ def _reason(found: Diagnosis) -> str:
     if found.evidence.found.work is None:
         at = " and ".join(dict.fromkeys(spot.joint for spot in found.spots if spot.found))
         at = f" at the {at}" if at else ""
-        of = {Source.IDENTIFICATION: "the identified model's", Source.SIMULATION: "the simulation's"}
+        of = {KnowledgeSource.IDENTIFICATION: "the identified model's", KnowledgeSource.SIMULATION: "the simulation's"}
         return (
             f"the torques{at} differ from {of.get(source, 'the references')}, but in order may, too, in another motion"
         )
     told = [f"{name} at {at}" for name, at in _effects_by_probability(found)][:MOST_LISTED]
-    most = f"; the most probable: {', '.join(told)}" if told and source is not Source.IDENTIFICATION else ""
+    most = f"; the most probable: {', '.join(told)}" if told and source is not KnowledgeSource.IDENTIFICATION else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
 
 

@@ -6,13 +6,13 @@ from typing import Any
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.explain import INTERVAL
 from cylforce.effects.incidents.clock_fault import ClockFault as ClockEffect
-from cylforce.readings.clocks import ClockFault
+from cylforce.readings.clocks import ClockSlip
 
 CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # share of the energy that the right clock must remove
 HIGHEST_CONFIDENCE = 0.99
 
 
-def off_clock(faults: Sequence[ClockFault]) -> dict[str, Any]:
+def off_clock(faults: Sequence[ClockSlip]) -> dict[str, Any]:
     """Return the answer where nothing but the clocks can be concluded: forces and motion do not belong together.
 
     faults: the one with the largest lag first
@@ -25,7 +25,7 @@ def off_clock(faults: Sequence[ClockFault]) -> dict[str, Any]:
     return {"verdict": str(verdict), "effects": effects, "reason": apart(faults), "next_experiment": cure}
 
 
-def apart(faults: Sequence[ClockFault]) -> str:
+def apart(faults: Sequence[ClockSlip]) -> str:
     """Return the sentence that pressures and angles are not on one clock, with the largest lag."""
     worst, names = faults[0], ", ".join(dict.fromkeys(fault.name for fault in faults))
     whose = "the pressures" if worst.whole else f"{' and '.join(worst.sensors)}, and no other pressures,"
@@ -42,7 +42,7 @@ def _late(lag: float) -> str:
     return f"{abs(lag):.2f} s {'late' if lag >= 0.0 else 'early'}"
 
 
-def _effect(fault: ClockFault) -> dict[str, Any]:
+def _effect(fault: ClockSlip) -> dict[str, Any]:
     value, error = fault.largest
     begin, end = f"{fault.first:.2f} s at {fault.begins:.0f} s", f"{fault.last:.2f} s at {fault.ends:.0f} s"
     about = ClockEffect().about

@@ -11,7 +11,7 @@ import numpy as np
 
 from cylforce.diagnosis.model import (
     HealthyMachine,
-    Source,
+    KnowledgeSource,
     fitted_parameters,
     identified,
     learnt,
@@ -96,7 +96,7 @@ def learnt_machine(
     model = Model(service.machine, service.filters, tuple(law for law in FRICTION if law in laws))
     parameters = fitted_parameters(model, recordings) if tares is None else with_all_laws(model, tares)
     regressors = Regressors(model, parameters)
-    source = Source.REFERENCES if field is None else Source.SIMULATION
+    source = KnowledgeSource.REFERENCES if field is None else KnowledgeSource.SIMULATION
     noise = usual_noise(service.machine, recordings if field is None else field)
     key = key_of(loaded.sha256, regressors, each, recordings, noise, source) if cache else ""
     if cache and (found := cache.get(key, regressors, each)):

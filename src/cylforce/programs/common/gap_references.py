@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cylforce.diagnosis.constants import BLOCK_ROWS
-from cylforce.diagnosis.model import CENTRE, Layout, quiet_blocks
-from cylforce.diagnosis.regressors import Regressors, Rows
+from cylforce.diagnosis.model import CENTRE, ColumnLayout, quiet_blocks
+from cylforce.diagnosis.regressors import Regressors, TorqueRows
 from cylforce.diagnosis.statistics import Mask
 from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import SHORTEST_S
@@ -58,14 +58,14 @@ def alike(
 
 
 def references_of(
-    model: Model, recordings: Sequence[Recording], rows: Sequence[Rows], counted: Sequence[Mask]
+    model: Model, recordings: Sequence[Recording], rows: Sequence[TorqueRows], counted: Sequence[Mask]
 ) -> References:
     """Return recordings as references to compare.
 
     rows:    of each recording, with parameters that are zero
     counted: (B,) which blocks of each count
     """
-    layout, columns = Layout(model, ()), []
+    layout, columns = ColumnLayout(model, ()), []
     count, centre = len(model.parameters), slice(layout.size + 1, layout.size + 1 + CENTRE)
     for recording, own, blocks in zip(recordings, rows, counted, strict=True):
         whole = layout.columns(own, recording)
@@ -75,7 +75,7 @@ def references_of(
     return References.of(model.prior, columns)
 
 
-def _of_rows(blocks: Mask, rows: Rows) -> Mask:
+def _of_rows(blocks: Mask, rows: TorqueRows) -> Mask:
     return np.repeat(blocks, BLOCK_ROWS)[: len(rows.t)]
 
 
@@ -97,7 +97,7 @@ class _Seen:
         """Return recordings beside each other."""
         regressors = Regressors(model, np.zeros(len(model.parameters)))
         rows = [regressors.rows(each, ()) for each in recordings]
-        counted = quiet_blocks(Layout(model, ()), rows, recordings) if rows else []
+        counted = quiet_blocks(ColumnLayout(model, ()), rows, recordings) if rows else []
         total, quiet = dict[str, float](), dict[str, float]()
         for each, own, blocks in zip(recordings, rows, counted, strict=True):
             on = _of_rows(blocks, own)

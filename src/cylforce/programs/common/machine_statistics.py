@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cylforce
-from cylforce.diagnosis.likelihood import Machine, ResidualNoise
-from cylforce.diagnosis.model import HealthyMachine, Layout, Source
+from cylforce.diagnosis.likelihood import MachineKnowledge, ResidualNoise
+from cylforce.diagnosis.model import ColumnLayout, HealthyMachine, KnowledgeSource
 from cylforce.diagnosis.regressors import Regressors, ReturnLaw
 from cylforce.diagnosis.statistics import NoiseFloor
 from cylforce.effects.library import Proposal
@@ -125,7 +125,7 @@ def arrays_of(machine: HealthyMachine) -> dict[str, NDArray[Any]]:
 def machine_of(arrays: Arrays, model: Model, proposals: tuple[Proposal, ...]) -> HealthyMachine:
     """Return the healthy machine of arrays; the friction laws of the model are theirs."""
     model = model.with_laws(tuple(str(law) for law in arrays["friction"]))
-    layout = Layout(model, proposals, bool(arrays["base_moves"]))
+    layout = ColumnLayout(model, proposals, bool(arrays["base_moves"]))
     regressors = Regressors(model, arrays["parameters"])
     if len(arrays["mean"]) != layout.size or len(arrays["parameters"]) != len(model.parameters):
         raise ValueError("the statistics have other columns than this model")
@@ -135,10 +135,10 @@ def machine_of(arrays: Arrays, model: Model, proposals: tuple[Proposal, ...]) ->
     return HealthyMachine(
         regressors,
         layout,
-        Source(str(arrays["source"])),
+        KnowledgeSource(str(arrays["source"])),
         NoiseFloor(arrays["floor_rms"], arrays["floor_memory"], arrays["floor_white"]),
         arrays["known"],
-        Machine(
+        MachineKnowledge(
             arrays["mean"],
             np.asarray(root @ root.T),
             arrays["variation"],

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cylforce.diagnosis.model import HealthyMachine, Source
+from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.effects.library import Proposal
@@ -89,7 +89,7 @@ def key_of(
     proposals: Sequence[Proposal],
     recordings: Sequence[Recording],
     sensor_noise: Array,
-    source: Source,
+    source: KnowledgeSource,
     rooms: tuple[str, ...] = ROOMS,
 ) -> str:
     """Return the key of all that statistics depend on: recordings, machine, model, parameters, effects, program.

@@ -89,9 +89,12 @@ def usual_parameters(path: Path, machine: Machine) -> tuple[tuple[str, float, fl
     return tuple((q.name, q.mean, float(np.hypot(q.between_machines, q.between_days))) for q in each)
 
 
-def everyday_of(path: Path, machine: Machine) -> Mapping[str, float]:
-    """Return the run-to-run variation of a type, of effects' least plausible sizes, by name. Raises SettingsError."""
-    return everyday_from(read_usual(path, machine))
+def everyday_of(path: Path | None, machine: Machine) -> Mapping[str, float]:
+    """Return the run-to-run variation of a type, of effects' least plausible sizes, by name; empty without a file.
+
+    Raises SettingsError.
+    """
+    return {} if path is None else everyday_from(read_usual(path, machine))
 
 
 def everyday_from(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:

@@ -35,7 +35,7 @@ STAIRS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.7, 0.5, 0.3)  # of the working range, up an
 
 
 @dataclass(frozen=True)
-class Motion:
+class RecommendedMotion:
     """A motion that can be recorded.
 
     words:    that ask for it
@@ -61,18 +61,18 @@ class Motion:
         )
 
 
-def checkup(machine: Machine) -> tuple[Motion, Motion]:
+def checkup(machine: Machine) -> tuple[RecommendedMotion, RecommendedMotion]:
     """Return the motions of the check-up: all joints at once, then single joints in stairs; both empty."""
     middle = _middle(machine)
     together = _together(machine, middle, WHOLE, PACES, TOGETHER_S)
     words = "move all joints at once to and fro through their ranges, each at a speed of its own, for two minutes"
     stairs = "move one joint after the other up and down in stairs, for two and a half minutes"
-    return Motion(f"{words}, with an empty bucket", together), Motion(
+    return RecommendedMotion(f"{words}, with an empty bucket", together), RecommendedMotion(
         f"{stairs}, with an empty bucket", _single_stairs(machine, middle)
     )
 
 
-def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Motion]:
+def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[RecommendedMotion]:
     """Yield all motions; `joints`: those that are moved alone."""
     middle = _middle(machine)
     for j in joints:
@@ -81,12 +81,16 @@ def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Motion]:
             _scene(machine, middle, {j: _strokes(machine, middle, j, speeds)}) for speeds in ((SLOW,), (SLOW, 1.0))
         )
         little = _scene(machine, middle, {j: _little(machine, middle, j)})
-        yield Motion(f"move the {name} alone, slowly, from end to end and back", slow)
-        yield Motion(f"move the {name} alone, from end to end and back, in turns slowly and fast", two)
-        yield Motion(f"move the {name} alone a few centimetres to and fro, slowly, at several angles", little)
+        yield RecommendedMotion(f"move the {name} alone, slowly, from end to end and back", slow)
+        yield RecommendedMotion(f"move the {name} alone, from end to end and back, in turns slowly and fast", two)
+        yield RecommendedMotion(
+            f"move the {name} alone a few centimetres to and fro, slowly, at several angles", little
+        )
         yield _loaded(machine, f"move the {name} alone, slowly, from end to end and back", slow)
         brisk = _scene(machine, middle, {j: _along(machine, middle, j, cycle(PART), cycle((1.0,)), REST_S)})
-        yield Motion(f"move the {name} alone, with quick starts and stops, to and fro by a quarter of its way", brisk)
+        yield RecommendedMotion(
+            f"move the {name} alone, with quick starts and stops, to and fro by a quarter of its way", brisk
+        )
     stairs, together, slowly = (
         _stairs(machine, middle),
         _together(machine, middle, WHOLE, PACES),
@@ -94,21 +98,23 @@ def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Motion]:
     )
     postures = "go to a dozen very different postures and hold each for three seconds"
     whole = "move all joints at once to and fro, each at a speed of its own"
-    yield Motion(postures, stairs)
+    yield RecommendedMotion(postures, stairs)
     yield _loaded(machine, postures, stairs)
-    yield Motion(whole, together)
-    yield Motion("move all joints at once to and fro by a quarter of their way, slowly", slowly)
+    yield RecommendedMotion(whole, together)
+    yield RecommendedMotion("move all joints at once to and fro by a quarter of their way, slowly", slowly)
     yield _loaded(machine, whole, together)
-    yield Motion(f"{whole}, once the machine has worked for half an hour", together, worked_s=WARM_S)
-    yield Motion(f"{whole}, while the house turns to and fro", together._replace(slew=_turns()))
+    yield RecommendedMotion(f"{whole}, once the machine has worked for half an hour", together, worked_s=WARM_S)
+    yield RecommendedMotion(f"{whole}, while the house turns to and fro", together._replace(slew=_turns()))
     if any(s.kind is Kind.PITCH for s in machine.signals):
-        yield Motion(f"{whole}, with the machine on a slope of {np.degrees(SLOPE):.0f} degrees", together, pitch=SLOPE)
+        yield RecommendedMotion(
+            f"{whole}, with the machine on a slope of {np.degrees(SLOPE):.0f} degrees", together, pitch=SLOPE
+        )
 
 
-def _loaded(machine: Machine, words: str, scene: Scene) -> Motion:
+def _loaded(machine: Machine, words: str, scene: Scene) -> RecommendedMotion:
     load = LOAD * machine.rated_payload
     dig = carried(load, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach))
-    return Motion(f"{words}, carrying a known load of about {load:.0f} kg", scene._replace(dig=dig), load)
+    return RecommendedMotion(f"{words}, carrying a known load of about {load:.0f} kg", scene._replace(dig=dig), load)
 
 
 def _middle(machine: Machine) -> Array:

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from cylforce.files.atomic import RecordingError
 from cylforce.files.motion_table import MotionTable, read_motion
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.experiments.catalogue import Motion
+from cylforce.programs.experiments.catalogue import RecommendedMotion
 from cylforce.signals.estimate import Array
 from cylforce.simulation.soil import carried
 from cylforce.simulation.trajectory import JointCourse, Phase, Scene, follow
@@ -18,7 +18,7 @@ FASTEST_PLAYED = 1.0  # m/s; physics: no construction machine's cylinder moves f
 ROUNDING = 1e-6  # rad and m, by which a written angle may be rounded
 
 
-def table_of(motion: Motion) -> MotionTable:
+def table_of(motion: RecommendedMotion) -> MotionTable:
     """Return a motion as a table; its conditions are comments."""
     count = int(motion.scene.duration * TABLE_HZ) + 1
     t = np.arange(count) / TABLE_HZ

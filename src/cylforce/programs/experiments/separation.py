@@ -13,14 +13,14 @@ from itertools import pairwise
 import numpy as np
 
 from cylforce.diagnosis.constants import SAME_EVIDENCE
-from cylforce.diagnosis.decide import Evidence
-from cylforce.diagnosis.model import CENTRE, HealthyMachine, Layout
+from cylforce.diagnosis.decide import HypothesisEvidence
+from cylforce.diagnosis.model import CENTRE, ColumnLayout, HealthyMachine
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import LOAD_CENTRE
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Key
 from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise
 from cylforce.effects.library import Proposal
-from cylforce.programs.experiments.catalogue import SECONDS, STAIRS_S, TOGETHER_S, Motion, catalogue
+from cylforce.programs.experiments.catalogue import SECONDS, STAIRS_S, TOGETHER_S, RecommendedMotion, catalogue
 from cylforce.signals.estimate import Array
 from cylforce.simulation.sensing import true_values
 from cylforce.simulation.simulator import Truth, draw_truth, simulate
@@ -33,7 +33,7 @@ LONGEST = (TOGETHER_S + STAIRS_S) / SECONDS  # times a motion of the catalogue: 
 
 
 @dataclass(frozen=True)
-class Rival:
+class RivalCause:
     """A cause that is still possible.
 
     key:         name and place
@@ -49,7 +49,7 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class Advice:
+class MotionAdvice:
     """A motion to record next.
 
     motion:    the motion
@@ -57,13 +57,13 @@ class Advice:
     separates: pairs of causes of which it makes one more probable by SAME_EVIDENCE at least
     """
 
-    motion: Motion
+    motion: RecommendedMotion
     times: float
     separates: tuple[tuple[Key, Key], ...]
 
 
 @dataclass(frozen=True)
-class Plan:
+class MotionPlan:
     """What to record next.
 
     advice:      motions, the best one first; empty where nothing is open, or no motion of the catalogue helps
@@ -71,29 +71,29 @@ class Plan:
     stop_first:  whether the machine works in the recordings: it has to stop and move in the air
     """
 
-    advice: tuple[Advice, ...] = ()
+    advice: tuple[MotionAdvice, ...] = ()
     inseparable: tuple[Key, ...] = ()
     stop_first: bool = False
 
 
-def rivals(evidence: Evidence) -> tuple[Rival, ...]:
+def rivals(evidence: HypothesisEvidence) -> tuple[RivalCause, ...]:
     """Return the causes of the credible set that have a signature: no transients, and not the unknown cause."""
-    found = list[Rival]()
+    found = list[RivalCause]()
     for key in evidence.credible:
         probability = evidence.posterior[key]
         if key == NO_GAP:
-            found.append(Rival(key, probability, None, np.zeros(0)))
+            found.append(RivalCause(key, probability, None, np.zeros(0)))
             continue
         candidate = None if key == UNKNOWN else _simplest(evidence, key)
         if candidate is None:
             continue
         proposal, sizes = _of_candidate(candidate, key)
         if proposal.course is None or proposal.clock:
-            found.append(Rival(key, probability, proposal, sizes))
+            found.append(RivalCause(key, probability, proposal, sizes))
     return tuple(found[:MOST_RIVALS])
 
 
-def _simplest(evidence: Evidence, key: Key) -> Candidate | None:
+def _simplest(evidence: HypothesisEvidence, key: Key) -> Candidate | None:
     """Return the most probable hypothesis of a cause by itself, else the most probable one with others."""
     alone = [c for c in evidence.candidates if c.keys == {key} and len(c.hypothesis.forms) == 1]
     return max(alone, key=lambda c: c.log + evidence.prior_of(c), default=evidence.best_of(key))
@@ -119,13 +119,13 @@ class Separation:
     """
 
     machine: HealthyMachine
-    rivals: tuple[Rival, ...]
+    rivals: tuple[RivalCause, ...]
     strength: float = 1.0
 
     @cached_property
-    def _layout(self) -> Layout:
+    def _layout(self) -> ColumnLayout:
         effects = tuple(r.proposal for r in self.rivals if r.proposal is not None)
-        return Layout(self.machine.regressors.model, effects, self.machine.layout.base_moves)
+        return ColumnLayout(self.machine.regressors.model, effects, self.machine.layout.base_moves)
 
     @cached_property
     def _columns(self) -> list[int]:
@@ -156,7 +156,7 @@ class Separation:
         """Return the information (K, K) of recordings on the causes' sizes."""
         return np.asarray(np.sum([self._marginal(each) for each in recordings], axis=0))
 
-    def of(self, motion: Motion) -> Array:
+    def of(self, motion: RecommendedMotion) -> Array:
         """Return the same of one recording of a motion."""
         machine, filters = self.machine.regressors.model.machine, self.machine.regressors.model.filters
         t = np.arange(round(motion.scene.duration * filters.rate_hz)) / filters.rate_hz
@@ -225,12 +225,12 @@ class Separation:
         )
 
 
-def planned(evidence: Evidence) -> Plan:
+def planned(evidence: HypothesisEvidence) -> MotionPlan:
     """Return the motions that separate the causes that are still possible best, and what no motion separates."""
     question = evidence.found.question
     stop, open_causes = evidence.found.work is not None, rivals(evidence)
     if len(open_causes) < 2:
-        return Plan(stop_first=stop)
+        return MotionPlan(stop_first=stop)
     separation = Separation(question.machine, open_causes, evidence.strength)
     recordings = [seen.recording for seen in question.seen]
     seconds = sum(len(each.values) for each in recordings) / question.machine.regressors.model.filters.rate_hz
@@ -242,17 +242,17 @@ def planned(evidence: Evidence) -> Plan:
     for motion, matrix in zip(motions, matrices, strict=True):
         information = separation.information(matrix * seconds / motion.scene.duration)
         times = information / present if present > 0.0 else np.inf
-        each.append(Advice(motion, times, tuple(sorted(separation.pairs(matrix)))))
+        each.append(MotionAdvice(motion, times, tuple(sorted(separation.pairs(matrix)))))
     ever = frozenset[tuple[Key, Key]]().union(*(separation.pairs(LONGEST * matrix) for matrix in matrices))
     first = open_causes[0].key
     alike = tuple(r.key for r in open_causes[1:] if (first, r.key) not in ever)
     if len(alike) == len(open_causes) - 1:
-        return Plan(inseparable=(first, *alike), stop_first=stop)
+        return MotionPlan(inseparable=(first, *alike), stop_first=stop)
     best = sorted(_worth(each), key=lambda advice: -advice.times)[:MOST_ADVICE]
-    return Plan(tuple(best), (first, *alike) if alike else (), stop)
+    return MotionPlan(tuple(best), (first, *alike) if alike else (), stop)
 
 
-def _worth(each: Sequence[Advice]) -> list[Advice]:
+def _worth(each: Sequence[MotionAdvice]) -> list[MotionAdvice]:
     """Return the motions without those that need more than another one, and bring hardly more information."""
     return [
         a
@@ -261,14 +261,14 @@ def _worth(each: Sequence[Advice]) -> list[Advice]:
     ]
 
 
-def _joints(evidence: Evidence, causes: Sequence[Rival]) -> list[int]:
+def _joints(evidence: HypothesisEvidence, causes: Sequence[RivalCause]) -> list[int]:
     """Return the joints at which the gap is largest over its noise floor, as many as there are causes at most."""
     model = evidence.found.question.machine.regressors.model
     order = np.argsort(-evidence.found.gaps)[: max(len(causes) - 1, 1)]
     return [model.machine.rows[r] for r in order.tolist()]
 
 
-def sentences(plan: Plan) -> list[str]:
+def sentences(plan: MotionPlan) -> list[str]:
     """Return a plan as sentences."""
     found = [STOP] if plan.stop_first else []
     for each in plan.advice:

@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 
 from cylforce.diagnosis import Diagnosis
 from cylforce.diagnosis.explain import Picture, quantities
-from cylforce.diagnosis.search import UNKNOWN, Question
+from cylforce.diagnosis.search import UNKNOWN, FieldQuestion
 from cylforce.programs.reports.drawing import (
     AMBER,
     BLUE,
@@ -116,7 +116,7 @@ def _framed(axes: Axes, x: int, y: int) -> None:
     axes.add_patch(Rectangle((x - 0.47, y - 0.45), 0.94, 0.9, fill=False, edgecolor=INK, linewidth=1.6))
 
 
-def friction(question: Question, shown: Shown) -> Figure:
+def friction(question: FieldQuestion, shown: Shown) -> Figure:
     """Residual of every joint as force of its cylinder, over speed, coloured by the cylinder's force; before, after."""
     model = question.machine.regressors.model
     pairs = list(zip(*movers(question), strict=True))
@@ -173,7 +173,7 @@ def _laid_over(upper: Axes, lower: Axes, each: Overlay) -> None:
     lower.set_xlabel(f"seconds into {each.recording}")
 
 
-def waterfall(question: Question, steps: tuple[Step, ...]) -> Figure:
+def waterfall(question: FieldQuestion, steps: tuple[Step, ...]) -> Figure:
     """Draw how the residual falls, step by step, of all joints together and of each."""
     machine = question.machine.regressors.model.machine
     names = ["all joints", *(machine.links[j].name for j in machine.rows)]

@@ -8,7 +8,7 @@ import numpy as np
 from cylforce.diagnosis import Diagnosis
 from cylforce.diagnosis.explain import Cause, Picture, Simulation
 from cylforce.diagnosis.model import REGIMES, regime_rms
-from cylforce.diagnosis.search import Question
+from cylforce.diagnosis.search import FieldQuestion
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import Place
 from cylforce.effects.library import Proposal
@@ -121,7 +121,7 @@ def _simulated(found: Diagnosis, causes: Sequence[Cause]) -> list[Array]:
     return Simulation(question, candidate).run(causes, np.random.default_rng(SEED)).after
 
 
-def _heat(question: Question, before: Sequence[Array], after: Sequence[Array]) -> Heat:
+def _heat(question: FieldQuestion, before: Sequence[Array], after: Sequence[Array]) -> Heat:
     model, machine = question.machine.regressors.model, question.machine
     rows, recordings = [s.rows for s in question.seen], [s.recording for s in question.seen]
     tables = [regime_rms(model, rows, recordings, residuals).T for residuals in (before, after)]
@@ -131,7 +131,7 @@ def _heat(question: Question, before: Sequence[Array], after: Sequence[Array]) -
     return Heat(names, REGIMES, tables[0], tables[1], healthy)
 
 
-def _points(question: Question, residuals: Sequence[Array]) -> evidence.DrawnSamples:
+def _points(question: FieldQuestion, residuals: Sequence[Array]) -> evidence.DrawnSamples:
     """Return thinned samples of all recordings with their residuals."""
     regressors = question.machine.regressors
     joints, cylinders = movers(question)
@@ -143,7 +143,7 @@ def _points(question: Question, residuals: Sequence[Array]) -> evidence.DrawnSam
     return evidence.DrawnSamples(*(np.concatenate(column)[::step] for column in zip(*parts, strict=True)))
 
 
-def movers(question: Question) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def movers(question: FieldQuestion) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the joints whose torque is measured, and the cylinder that moves each."""
     model = question.machine.regressors.model
     return tuple(model.machine.rows), tuple(acting[0] for acting in model.acting)
@@ -164,7 +164,9 @@ def acts_on(machine: Machine, proposal: Proposal) -> list[int]:
     return [r for r, j in enumerate(machine.rows) if j in joints] or list(range(len(machine.rows)))
 
 
-def _overlay(question: Question, proposal: Proposal, without: Sequence[Array], simulated: Sequence[Array]) -> Overlay:
+def _overlay(
+    question: FieldQuestion, proposal: Proposal, without: Sequence[Array], simulated: Sequence[Array]
+) -> Overlay:
     machine = question.machine.regressors.model.machine
     own = [a - b for a, b in zip(without, simulated, strict=True)]
     k, r, span = _most(question, own, acts_on(machine, proposal))
@@ -178,7 +180,7 @@ def readable(key: tuple[str, str]) -> str:
     return f"{key[0].replace('_', ' ')} at {key[1]}" if key[1] else key[0]
 
 
-def _most(question: Question, own: Sequence[Array], rows: list[int]) -> tuple[int, int, slice]:
+def _most(question: FieldQuestion, own: Sequence[Array], rows: list[int]) -> tuple[int, int, slice]:
     """Return the recording, one of some rows and the stretch in which a torque is largest against the noise floor."""
     length, best, most = round(STRETCH_S * question.machine.regressors.rows_hz), (0, rows[0], slice(0, None)), -1.0
     for k, torque in enumerate(own):
