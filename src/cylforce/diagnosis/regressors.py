@@ -168,7 +168,7 @@ class _MovingBase:
 
 
 @dataclass(frozen=True)
-class _Run:
+class _ColumnRun:
     """A recording on its way to columns.
 
     recording:  the recording
@@ -276,7 +276,7 @@ class Regressors:
         residual = np.where(lost, np.nan, residual)
         parameters = self.parameters + self._carried(recording.load_kg, base[late], residual[late])
         base_rate = self.base_rate(values)
-        run = _Run(recording, parameters, self._sensitivity(values, parameters), base_rate)
+        run = _ColumnRun(recording, parameters, self._sensitivity(values, parameters), base_rate)
         forces = iter(np.moveaxis(filtered.columns[..., size : size + len(laws)], -1, 0))
         lasting = [(p, e) for p in proposals for e in p.group if not isinstance(e, Incident)]
         columns = [self._columns(p, e, run, base, t, forces)[late] for p, e in lasting]
@@ -300,7 +300,7 @@ class Regressors:
         values = recording.values
         moved = self.slow.channels.run(self.thinned(values))
         parameters = self.parameters + self._carried(recording.load_kg, rows.base, rows.residual)
-        run = _Run(recording, parameters, self._sensitivity(values, parameters), self.base_rate(values))
+        run = _ColumnRun(recording, parameters, self._sensitivity(values, parameters), self.base_rate(values))
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
         return ColumnSource(self, run, moved, recording.begins_s + (steps - 0.5) / self.slow.filters.rate_hz)
 
@@ -342,7 +342,7 @@ class Regressors:
                 quiet[:, k] = denoised(values[:, k], self.model.filters.rate_hz)
         return self.slow.channels.turning(self.thinned(quiet))
 
-    def _incidental(self, run: _Run, moved: Moved, base: Array) -> Array:
+    def _incidental(self, run: _ColumnRun, moved: Moved, base: Array) -> Array:
         """Return the incidental columns (T', R, I)."""
         machine, f = self.model.machine, self.slow.filters
         turning = moved.motion._replace(slew=np.ones_like(moved.motion.slew))
@@ -361,7 +361,7 @@ class Regressors:
             axis=-1,
         )
 
-    def _late_pressures(self, run: _Run) -> Array:
+    def _late_pressures(self, run: _ColumnRun) -> Array:
         """Return the residual (T', R, 1) that pressures late by one second would add, by a difference quotient."""
         values, t = run.recording.values, np.arange(len(run.recording.values)) / self.model.filters.rate_hz
         pressures = [k for _, k in places(self.model.machine, Place.PRESSURE)]
@@ -375,7 +375,9 @@ class Regressors:
         change = run.change.of_readings(shifted(LATE_STEP), shifted(-LATE_STEP))
         return np.asarray(change[..., None] / (2.0 * LATE_STEP))
 
-    def _columns(self, p: Proposal, effect: Fault, run: _Run, base: Array, t: Array, forces: Iterator[Array]) -> Array:
+    def _columns(
+        self, p: Proposal, effect: Fault, run: _ColumnRun, base: Array, t: Array, forces: Iterator[Array]
+    ) -> Array:
         """Return the columns (T', R, M) of one effect at its place."""
         if isinstance(effect, ForceLaw | JointLaw):
             return next(forces)[..., None]
@@ -396,13 +398,13 @@ class Regressors:
         chosen = [k for k, parameter in enumerate(self.model.parameters) if parameter.name in names]
         return np.asarray((base[..., chosen] @ self.parameters[chosen] * effect.course(t)[:, None])[..., None])
 
-    def _base_motion(self, effect: BaseMotion, run: _Run) -> Array:
+    def _base_motion(self, effect: BaseMotion, run: _ColumnRun) -> Array:
         f, machine = self.slow.filters, self.model.machine
         moving = _MovingBase(effect, run.base_rate, run.parameters[: 3 * machine.size].reshape(-1, 3))
         plain = FilteredRegressor(Regressor(machine, (moving,)), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
         return plain.run(run.change.motion).columns
 
-    def _difference(self, p: Proposal, effect: Fault, run: _Run) -> Array:
+    def _difference(self, p: Proposal, effect: Fault, run: _ColumnRun) -> Array:
         """Return the change of the residual with the magnitude, by a central difference.
 
         measured = true + error: an error of readings adds what distorting them once more adds, an error of the machine
@@ -456,7 +458,7 @@ class ColumnSource:
     """
 
     regressors: Regressors
-    run: _Run
+    run: _ColumnRun
     moved: Moved
     t: Array
 

@@ -78,7 +78,7 @@ def diagnose(
     loaded, slow = at_own_rate(loaded, (*question.healthy, *question.field))
     read = partial(chosen, loaded, loads=question.loads, watch=watch, tell=left_out.append)
     healthy, field = read(question.healthy), read(question.field)
-    run = _Run(loaded, question, chosen_library, only, watch, cache)
+    run = _GapRun(loaded, question, chosen_library, only, watch, cache)
     found = run.concluded(field, healthy)
     shares = [each._asdict() for each in (*field.looked_at, *healthy.looked_at)]
     whole = found.answer | ({"looked_at": shares} if "gap" in found.answer else {})
@@ -88,7 +88,7 @@ def diagnose(
 
 
 @dataclass(frozen=True)
-class _Run:
+class _GapRun:
     """A diagnosis under way.
 
     loaded:   the machine
