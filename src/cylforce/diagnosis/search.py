@@ -130,6 +130,7 @@ class FieldQuestion:
     seen:    the recordings, with the shared sensor noise of each
     step:    when a known load may have changed
     laid:    rows of each recording that count, in whole blocks; None: all rows of all
+    apart:   log probability of the rows that do not count
     noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings took away
     applied: what the recordings are corrected for, by form
     jumps:   evidence [nats] of the number of jumps of a reading, by its signal
@@ -142,6 +143,7 @@ class FieldQuestion:
     seen: tuple[Seen, ...]
     step: LoadStep | None = None
     laid: tuple[NDArray[np.int_] | None, ...] | None = None
+    apart: float = 0.0
     noise: Array | None = None
     applied: Mapping[int, Array] = field(default_factory=dict)
     jumps: Mapping[int, float] = field(default_factory=dict)
@@ -298,7 +300,9 @@ class FieldQuestion:
             covariance[: self.size, : self.size] = knowledge.covariance
             mean, variation = np.append(knowledge.mean, zero), np.append(knowledge.variation, zero)
             knowledge = MachineKnowledge(mean, covariance, variation, knowledge.noise)
-        return Likelihood(gram, unit, self.forms, knowledge, corrected=self.applied, support=self.evidence_for)
+        return Likelihood(
+            gram, unit, self.forms, knowledge, corrected=self.applied, support=self.evidence_for, apart=self.apart
+        )
 
     def _refined_blocks(self, kept: Mask | None) -> list[tuple[Blocks, SharedNoise]]:
         """Return the whitened columns of the refined effect in the blocks that count, and the noise that they share."""
@@ -712,7 +716,7 @@ def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
         list[tuple[int, int]](),
         0.0,
     )
-    busy, total, lifts = 0, 0, 0
+    total = 0
     for seen, blocks, (first_block, _) in zip(question.seen, question.blocks, question.spans, strict=True):
         rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
         usable = blocks.usable.reshape(-1, blocks.usable.shape[2])
@@ -739,9 +743,7 @@ def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
                 (first_block + stretch.first // BLOCK_ROWS, first_block + (stretch.last - 1) // BLOCK_ROWS + 1)
             )
             length = stretch.last - stretch.first + 2 * settle
-            busy += 0 if not stretch.loaded or seen.recording.load_kg else length
             total -= 0 if stretch.loaded and not seen.recording.load_kg else length
-            lifts += length if stretch.loaded else 0
         total += len(seen.rows.t)
         laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]).astype(np.int_))
         apart += log_of_other_rows(residual, usable, found)
@@ -992,8 +994,8 @@ def _without_contact(question: FieldQuestion, coefficients: Array) -> tuple[Fiel
         apart += log_of_other_rows(residual, usable, found)
     if not 0.0 < 1.0 - kept / max(whole, 1) <= FEW_BLOCKS:
         return None
-    other = replace(question, laid=tuple(laid))
-    return other, replace(other.likelihood(), apart=apart)
+    other = replace(question, laid=tuple(laid), apart=apart)
+    return other, other.likelihood()
 
 
 def _work(question: FieldQuestion, candidates: Sequence[Candidate], alone: Sequence[BlockIncident]) -> Work | None:
