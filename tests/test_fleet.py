@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.constants import CREDIBLE
 from cylforce.fleet.causes import ChangeCause
 from cylforce.fleet.changes import Shape, changes
 from cylforce.fleet.courses import course
 from cylforce.fleet.gaussians import GroupedGaussians, with_added_variance
 from cylforce.fleet.history import History
 from cylforce.fleet.usual import Levels, Usual, learn_usual, prior_usual
+from cylforce.readings.constants import CREDIBLE
 
 SIZE = 3
 DAYS, WITHIN, BETWEEN = np.array([1.0, 0.6, 2.0]), np.array([0.5, 0.5, 0.5]), np.array([10.0, 5.0, 20.0])

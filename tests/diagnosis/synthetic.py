@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from cylforce.diagnosis.constants import BLOCK_ROWS, POLYNOMIALS
+from cylforce.diagnosis.constants import POLYNOMIALS
 from cylforce.diagnosis.likelihood import DECAY, Form, Likelihood, MachineKnowledge, ResidualNoise
 from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise, polynomials
+from cylforce.readings.constants import BLOCK_ROWS
 
 BLOCKS, JOINTS, COLUMNS = 40, 2, 4
 PARAMETERS = (0.5, -0.3)  # of the healthy machine: the first two columns

@@ -6,18 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.constants import (
-    CORRELATED_ROWS,
-    FEW_BLOCKS,
-    HEALTHY,
-    SAME_EVIDENCE,
-    SAME_MACHINE,
-    UNKNOWN_EFFECT,
-)
-from cylforce.diagnosis.decide import HypothesisEvidence, Verdict, costs, first_effect, one_answer
+from cylforce.diagnosis.constants import CORRELATED_ROWS, FEW_BLOCKS, SAME_EVIDENCE, SAME_MACHINE
+from cylforce.diagnosis.decide import HypothesisEvidence, Verdict, as_simulated, costs, first_effect, one_answer
 from cylforce.diagnosis.likelihood import Form, Hypothesis, ResidualNoise
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN, BlockIncident, Candidate, Found
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
+from cylforce.readings.constants import HEALTHY, UNKNOWN_EFFECT
 
 MASS, MOMENT, OTHER = ("extra_mass", "boom"), ("first_moment_change", "boom"), ("pressure_gain", "boom_head_pressure")
 SLEW, CONTACT = ("slew_centrifugal", "machine"), ("soil_contact", "bucket")
@@ -232,6 +226,19 @@ def test_the_answer_costs_least_and_one_name_alone_is_sure(first, rival, none, c
     found = costs(with_posterior(first, [rival] if rival else [], none), ("one", "a"))
     assert min(found, key=found.__getitem__) is cheapest
     assert (Verdict.EXPLAINED in found) == (first >= 0.8)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "closure", "then"),
+    [
+        (Verdict.EXPLAINED, 0.49, Verdict.PARTLY),
+        (Verdict.EXPLAINED, 0.51, Verdict.EXPLAINED),
+        (Verdict.EXPLAINED, float("nan"), Verdict.EXPLAINED),
+        (Verdict.AMBIGUOUS, 0.49, Verdict.AMBIGUOUS),
+    ],
+)
+def test_a_cause_whose_simulation_leaves_most_of_the_gap_explains_it_in_part(verdict, closure, then):
+    assert as_simulated(verdict, closure) is then
 
 
 def test_a_set_of_many_is_no_better_than_unknown():

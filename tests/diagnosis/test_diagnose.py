@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis import concluded, diagnose
-from cylforce.diagnosis.constants import HALF
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN
+from cylforce.readings.constants import HALF
 from diagnosis.scenes import MACHINE, diagnosed, dug, effect, healthy_machine, names, recorded
 
 FIELD, CHECK_UP = 5, 6  # seeds of recordings that nothing was learnt from

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis import question_of
-from cylforce.diagnosis.constants import HALF, LEAST_CLOSURE, SAME_MACHINE
+from cylforce.diagnosis.constants import LEAST_CLOSURE, SAME_MACHINE
 from cylforce.diagnosis.explain import (
     Refit,
     Simulation,
@@ -28,6 +28,7 @@ from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
+from cylforce.readings.constants import HALF
 from diagnosis.scenes import MACHINE, SERVICE, asked, diagnosed, effect, healthy_machine, names, recorded
 
 FIELD = 5  # seed of a recording that nothing was learnt from

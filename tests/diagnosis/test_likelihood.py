@@ -8,15 +8,7 @@ from scipy.integrate import quad
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from cylforce.diagnosis.constants import (
-    BLOCK_ROWS,
-    CARRY_BACK,
-    CORRELATED_ROWS,
-    INCIDENT,
-    PAYLOAD,
-    POLYNOMIALS,
-    SAME_MACHINE,
-)
+from cylforce.diagnosis.constants import CARRY_BACK, CORRELATED_ROWS, INCIDENT, PAYLOAD, POLYNOMIALS, SAME_MACHINE
 from cylforce.diagnosis.likelihood import (
     DECAY,
     LEVELS,
@@ -34,6 +26,7 @@ from cylforce.diagnosis.likelihood import (
 )
 from cylforce.diagnosis.statistics import Gram, SharedNoise
 from cylforce.effects.fault import BEYOND
+from cylforce.readings.constants import BLOCK_ROWS
 from diagnosis.synthetic import (
     BASIS,
     BLOCKS,

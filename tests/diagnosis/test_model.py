@@ -9,7 +9,7 @@ import pytest
 
 from cylforce.commissioning.identification import identify
 from cylforce.diagnosis import diagnose, question_of
-from cylforce.diagnosis.constants import BLOCK_ROWS, CREEP_CHANGE, STATIC_CHANGE, VARYING_CHANGE
+from cylforce.diagnosis.constants import CREEP_CHANGE, STATIC_CHANGE, VARYING_CHANGE
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import (
     CREEP,
@@ -29,6 +29,7 @@ from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import INCIDENTAL
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import FRICTION, Model
+from cylforce.readings.constants import BLOCK_ROWS
 from cylforce.settings.identified import read_identified, write_identified
 from cylforce.settings.machine_file import load
 from diagnosis.scenes import (

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis import question_of
-from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
 from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.likelihood import likeliest_noise
 from cylforce.diagnosis.search import (
@@ -24,6 +23,7 @@ from cylforce.diagnosis.search import (
     without_gap,
 )
 from cylforce.diagnosis.statistics import Gram, rms
+from cylforce.readings.constants import BLOCK_ROWS, ROWS_HZ
 from diagnosis import synthetic
 from diagnosis.scenes import PROPOSALS, asked, diagnosed, dug, effect, healthy_machine, learnt_from, recorded
 

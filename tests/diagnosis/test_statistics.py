@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.constants import BLOCK_ROWS, MEMORY, POLYNOMIALS
+from cylforce.diagnosis.constants import MEMORY, POLYNOMIALS
 from cylforce.diagnosis.statistics import (
     FEWEST_ROWS,
     STATIONARY,
@@ -16,6 +16,7 @@ from cylforce.diagnosis.statistics import (
     predicted_off,
     rms,
 )
+from cylforce.readings.constants import BLOCK_ROWS
 
 SEED = 5
 AUTOREGRESSION = np.array([0.5, 0.2, -0.15])

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosis.constants import CREDIBLE
 from cylforce.fleet import fleet as module
 from cylforce.fleet.causes import ChangeCause
 from cylforce.fleet.changes import MachineChange, Shape, changes
@@ -20,6 +19,7 @@ from cylforce.fleet.fleet import Dated, Fleet, fleet
 from cylforce.fleet.history import History
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.fleet.analysis import OfType
+from cylforce.readings.constants import CREDIBLE
 from cylforce.signals.estimate import Array
 from studies._fleets import CAUSES, MASS_SHAPE, RANGES, Faulty, drawn, places
 

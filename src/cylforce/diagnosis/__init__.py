@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.constants import BLOCK_ROWS, CLEAR_GAP, HALF, LAW_ERROR, SAME_MACHINE
+from cylforce.diagnosis.constants import LAW_ERROR, SAME_MACHINE
 from cylforce.diagnosis.decide import (
     SURE,
     HypothesisEvidence,
     Verdict,
+    as_simulated,
     costs,
     first_effect,
     one_answer,
@@ -44,6 +45,7 @@ from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, FieldQuestion,
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
 from cylforce.estimation.model import Model
+from cylforce.readings.constants import BLOCK_ROWS, CLEAR_GAP, HALF
 from cylforce.readings.zeros import Zero
 from cylforce.signals.estimate import Array
 
@@ -228,7 +230,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
             return _answer(evidence, verdict, (), plain, refuted, same)
         named, simulated, objection = _tried(evidence, key, rng)
         if not objection:
-            return _answer(evidence, verdict, named, simulated, refuted, same)
+            return _answer(evidence, as_simulated(verdict, simulated.closure), named, simulated, refuted, same)
         refuted.append(objection)
         refused = True
         evidence = replace(evidence, withdrawn=evidence.withdrawn | {key})

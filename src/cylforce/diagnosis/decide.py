@@ -10,18 +10,15 @@ import numpy as np
 from cylforce.diagnosis.constants import (
     CORRELATED_ROWS,
     COSTS,
-    CREDIBLE,
     FEW_BLOCKS,
-    HALF,
-    HEALTHY,
     LAW_ERROR,
     SAME_EVIDENCE,
     SAME_MACHINE,
     SECOND_EFFECT,
-    UNKNOWN_EFFECT,
 )
 from cylforce.diagnosis.likelihood import effective_share
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
+from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
@@ -248,6 +245,14 @@ def costs(evidence: HypothesisEvidence, key: Key | None) -> dict[Verdict, float]
     if first >= SURE:
         found[Verdict.EXPLAINED] = 1.0 - first
     return found
+
+
+def as_simulated(verdict: Verdict, closure: float) -> Verdict:
+    """Return the verdict once the named causes were simulated.
+
+    closure: share of the gap's energy that goes; NaN where the gap is too small for a share
+    """
+    return Verdict.PARTLY if verdict is Verdict.EXPLAINED and closure < HALF else verdict
 
 
 def parameters_are_likelier(known: HypothesisEvidence, free: HypothesisEvidence) -> bool:

@@ -13,14 +13,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy import stats
 
-from cylforce.diagnosis.constants import (
-    BLOCK_ROWS,
-    CREDIBLE,
-    DETECTABLE,
-    HALF,
-    LEAST_CLOSURE,
-    SAME_MACHINE,
-)
+from cylforce.diagnosis.constants import DETECTABLE, LEAST_CLOSURE, SAME_MACHINE
 from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.model import (
     CENTRE,
@@ -31,7 +24,7 @@ from cylforce.diagnosis.model import (
     mean_squares,
     regime,
 )
-from cylforce.diagnosis.regressors import LOAD_CENTRE, courses
+from cylforce.diagnosis.regressors import courses
 from cylforce.diagnosis.search import BlockIncident, Candidate, FieldQuestion, Found, Key, Spill
 from cylforce.diagnosis.statistics import Mask, rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL, SHAPES, Place, TimeCourse
@@ -39,6 +32,7 @@ from cylforce.effects.imposed import imposed
 from cylforce.effects.library import Group, Proposal
 from cylforce.effects.loads.carried import RAMP
 from cylforce.estimation.model import Model
+from cylforce.readings.constants import BLOCK_ROWS, CREDIBLE, HALF, LOAD_CENTRE
 from cylforce.signals.estimate import Array
 from cylforce.signals.units import BAR
 

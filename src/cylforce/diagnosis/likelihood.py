@@ -21,12 +21,9 @@ from scipy.linalg.lapack import dpotri
 from scipy.special import ndtri
 
 from cylforce.diagnosis.constants import (
-    BLOCK_ROWS,
     CARRY_BACK,
-    CLEAR_GAP,
     CORRELATED_ROWS,
     DISCREPANCY_CHANGE,
-    HALF,
     INCIDENT,
     INCIDENT_SIZES,
     NOISE_CHANGE,
@@ -37,6 +34,7 @@ from cylforce.diagnosis.constants import (
 )
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, in_blocks, polynomials
 from cylforce.effects.fault import BEYOND
+from cylforce.readings.constants import BLOCK_ROWS, CLEAR_GAP, HALF
 from cylforce.signals.estimate import Array
 
 DECAY = (
@@ -274,7 +272,7 @@ def _evenly_spread() -> Array:
 _DRAWS = _evenly_spread()
 
 
-def _positive(matrix: Array) -> Array:
+def symmetric_positive(matrix: Array) -> Array:
     """Return the nearest symmetric, not negative matrix (..., M, M): a difference of large ones may be neither."""
     values, vectors = np.linalg.eigh((matrix + np.swapaxes(matrix, -1, -2)) / 2.0)
     return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
@@ -489,6 +487,13 @@ class FreeStretch:
     loaded: bool
     carried_on: bool = False
 
+    @property
+    def blocks(self) -> NDArray[np.int_]:
+        """Its rows in blocks of equal length (B, BLOCK_ROWS), each filled up with -1."""
+        rows = np.arange(self.first, self.last)
+        parts = np.array_split(rows, -(-len(rows) // BLOCK_ROWS))
+        return np.stack([np.pad(part, (0, BLOCK_ROWS - len(part)), constant_values=-1) for part in parts])
+
 
 @dataclass(frozen=True)
 class _Cells:
@@ -698,7 +703,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class _Marginal:
+class MarginalLikelihood:
     """A recording under one noise, the machine's parameters integrated out.
 
     known:      (K, K) information
@@ -800,10 +805,10 @@ class Likelihood:
         return self._precisions[variation]
 
     @cached_property
-    def _states(self) -> dict[tuple[bytes, bytes, float], _Marginal]:
+    def _states(self) -> dict[tuple[bytes, bytes, float], MarginalLikelihood]:
         return {}
 
-    def state(self, noise: ResidualNoise) -> _Marginal:
+    def state(self, noise: ResidualNoise) -> MarginalLikelihood:
         """Return the recording under a noise; the last ones are kept: many hypotheses share a point of the grid."""
         key = noise.discrepancy.tobytes(), noise.white.tobytes(), noise.variation
         found = self._states.pop(key, None) or self._marginal(noise)
@@ -812,7 +817,7 @@ class Likelihood:
             del self._states[next(iter(self._states))]
         return found
 
-    def _marginal(self, noise: ResidualNoise) -> _Marginal:
+    def _marginal(self, noise: ResidualNoise) -> MarginalLikelihood:
         information, cost, mean = noise.information(self.gram), 0.0, self.machine.mean
         rounding = np.diag(ROUNDING * np.diag(information)[:-1])
         if self.nuisance is not None:
@@ -830,7 +835,7 @@ class Likelihood:
         log = -0.5 * (energy - score @ fitted) - 0.5 * log_determinant - float(np.sum(np.log(np.diag(root))))
         unsure = unsure - (unsure @ covariance) @ known
         log += noise.log_norm(self.gram) - cost
-        return _Marginal(known, covariance, fitted, score - known @ fitted, unsure, log)
+        return MarginalLikelihood(known, covariance, fitted, score - known @ fitted, unsure, log)
 
     def columns(self, forms: Sequence[int]) -> list[int]:
         """Return the columns of some forms."""
@@ -841,7 +846,7 @@ class Likelihood:
         zero = (np.zeros(len(self.forms[p].columns)) for p in forms)
         return np.concatenate([np.zeros(0), *(self.corrected.get(p, z) for p, z in zip(forms, zero, strict=True))])
 
-    def fitted(self, forms: Sequence[int], state: _Marginal) -> tuple[list[int], Fitted]:
+    def fitted(self, forms: Sequence[int], state: MarginalLikelihood) -> tuple[list[int], Fitted]:
         """Return columns and magnitudes of some forms.
 
         The score s of the magnitudes has the information I of the noise and a covariance V of the shared sensor noise:
@@ -850,9 +855,9 @@ class Likelihood:
         own, taken = self.columns(forms), self.already(forms)
         side = np.concatenate([np.zeros(0), *(self.forms[p].side_precision for p in forms)])
         precision = np.where(side > 0.0, side, FREE_PRECISION)
-        information = _positive(state.information(own)) + np.diag(precision)
+        information = symmetric_positive(state.information(own)) + np.diag(precision)
         unsure = state.unsure[:, own].T @ state.unsure[:, own]
-        alone = _positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
+        alone = symmetric_positive(np.linalg.inv(information)) if own else np.zeros((0, 0))
         covariance = alone + alone @ unsure @ alone
         score = state.score[own] - precision * taken
         more = alone @ score
@@ -861,7 +866,7 @@ class Likelihood:
         lost = score @ (more - np.linalg.solve(information + unsure, score)) if own else 0.0
         return own, Fitted(more, taken + more, covariance, gain, 0.5 * float(lost + log_known - log_both))
 
-    def under(self, forms: Sequence[int], state: _Marginal) -> tuple[float, Fitted, Array]:
+    def under(self, forms: Sequence[int], state: MarginalLikelihood) -> tuple[float, Fitted, Array]:
         """Return some forms' log marginal likelihood but for the noise's prior, magnitudes, residual (K+1,)."""
         own, fitted = self.fitted(forms, state)
         log, k = state.log + fitted.gain, 0
@@ -894,7 +899,7 @@ class Likelihood:
         whole, before = (self.fitted(each, state)[1].doubt for each in (forms, base.forms))
         return base.doubt + max(whole - before, 0.0)
 
-    def _settled(self, forms: Sequence[int], noise: ResidualNoise) -> tuple[ResidualNoise, _Marginal]:
+    def _settled(self, forms: Sequence[int], noise: ResidualNoise) -> tuple[ResidualNoise, MarginalLikelihood]:
         """Return the noise of a hypothesis, maximised in turns with its residual (expectation maximisation)."""
         state = self.state(noise)
         for _ in range(ROUNDS):

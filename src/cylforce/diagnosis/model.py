@@ -12,13 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.constants import (
-    BLOCK_ROWS,
-    CREEP_CHANGE,
-    DETECTABLE,
-    STATIC_CHANGE,
-    VARYING_CHANGE,
-)
+from cylforce.diagnosis.constants import CREEP_CHANGE, DETECTABLE, STATIC_CHANGE, VARYING_CHANGE
 from cylforce.diagnosis.likelihood import (
     Form,
     Likelihood,
@@ -31,7 +25,6 @@ from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import (
     BARS,
     CLOCK_COLUMN,
-    LOAD_CENTRE,
     Regressors,
     ReturnLaw,
     TorqueRows,
@@ -46,6 +39,7 @@ from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import Model
+from cylforce.readings.constants import BLOCK_ROWS, LOAD_CENTRE
 from cylforce.signals.estimate import Array
 
 GROWTH_S = 100.0  # s in which a clock that drifts becomes late by the second of its sizes

@@ -15,7 +15,6 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from cylforce.diagnosis.constants import BLOCK_ROWS, ROWS_HZ
 from cylforce.diagnosis.recordings import Recording
 from cylforce.effects.effect import Effect, Halves, Parameter
 from cylforce.effects.fault import (
@@ -64,13 +63,12 @@ from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.estimation.sensitivity import Sensitivity
 from cylforce.mechanics.machine import Machine, with_parameters
 from cylforce.mechanics.motion import Motion
+from cylforce.readings.constants import BLOCK_ROWS, LOAD_CENTRE, ROWS_HZ
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 LOAD_COLUMNS = slice(0, 4)  # of the incidental columns: mass, first moments x and z, moment of inertia of a load
 CLOCK_COLUMN = INCIDENTAL.index("clock")
-# Standard deviations of what is unknown of a known load: first moments [kg m], inertia [kg m^2]; 0.5 m at 600 kg.
-LOAD_CENTRE = np.array([300.0, 300.0, 600.0])
 BARS = 100.0  # kg m: standard deviation of the first moments of a linkage's bars; physics: 100 kg at 1 m
 # Decay of the polynomials of an incident's course within a block, from the level on; convention: a smooth function.
 COURSE = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)
@@ -330,7 +328,7 @@ class Regressors:
         scale = np.sqrt(energy / np.maximum(np.sum(good, axis=0), 1)) + 1e-9
         weighted = (columns / scale[:, None])[good]
         excess = (residual / scale)[good] - weighted[:, 0] * load_kg
-        normal = weighted[:, 1:].T @ weighted[:, 1:] + np.diag(LOAD_CENTRE**-2.0)
+        normal = weighted[:, 1:].T @ weighted[:, 1:] + np.diag(np.array(LOAD_CENTRE) ** -2.0)
         moments = np.linalg.solve(normal, weighted[:, 1:].T @ excess)
         return np.asarray(self.model.load @ np.array([load_kg, *moments]))
 

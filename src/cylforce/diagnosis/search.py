@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.diagnosis.constants import (
-    BLOCK_ROWS,
     CARRY_BACK,
     FEW_BLOCKS,
-    HEALTHY,
     INCIDENT,
     INCIDENT_SIZES,
     PAYLOAD,
@@ -21,26 +19,26 @@ from cylforce.diagnosis.constants import (
     SAME_MACHINE,
     SECOND_EFFECT,
     SPILL,
-    UNKNOWN_EFFECT,
 )
 from cylforce.diagnosis.likelihood import (
     FREE_PRECISION,
     VARIATIONS,
     Form,
+    FreeStretch,
     Hypothesis,
     Likelihood,
     Losses,
     MachineKnowledge,
+    MarginalLikelihood,
     Nuisance,
     Payload,
-    _Marginal,
-    _positive,
     effective_share,
     free_stretches,
     likeliest_noise,
     log_evidence,
     log_of_other_rows,
     log_prior_of_blocks,
+    symmetric_positive,
 )
 from cylforce.diagnosis.model import (
     CENTRE,
@@ -51,7 +49,7 @@ from cylforce.diagnosis.model import (
     forms_of,
     lasting,
 )
-from cylforce.diagnosis.regressors import LOAD_CENTRE, ColumnSource, ReturnLevel, return_evidence, return_levels
+from cylforce.diagnosis.regressors import ColumnSource, ReturnLevel, return_evidence, return_levels
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, SharedNoise
 from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped, shapes
 from cylforce.effects.imposed import Imposed
@@ -59,6 +57,7 @@ from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Group, Proposal
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
+from cylforce.readings.constants import BLOCK_ROWS, HEALTHY, LOAD_CENTRE, UNKNOWN_EFFECT
 from cylforce.readings.zeros import NAME as OFFSET
 from cylforce.readings.zeros import Zero
 from cylforce.signals.estimate import Array
@@ -522,7 +521,9 @@ def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[
     return [free[k] for k in np.argsort(-log).tolist()]
 
 
-def _with_each(case: Likelihood, forms: tuple[int, ...], free: list[int], state: _Marginal) -> tuple[Array, Array]:
+def _with_each(
+    case: Likelihood, forms: tuple[int, ...], free: list[int], state: MarginalLikelihood
+) -> tuple[Array, Array]:
     """Return the residual with each of some forms (H, K+1) beside a hypothesis, and the parameters then (H, K).
 
     All forms with as many sizes are solved at once.
@@ -538,7 +539,9 @@ def _with_each(case: Likelihood, forms: tuple[int, ...], free: list[int], state:
         own = np.array([case.columns(f) for f in each])
         side = np.array([np.concatenate([case.forms[p].side_precision for p in f]) for f in each])
         precision = np.where(side > 0.0, side, FREE_PRECISION)
-        known = _positive(whole[own[:, :, None], own[:, None, :]]) + precision[:, :, None] * np.eye(own.shape[1])
+        known = symmetric_positive(whole[own[:, :, None], own[:, None, :]]) + precision[:, :, None] * np.eye(
+            own.shape[1]
+        )
         score = state.score[own] - precision * np.array([case.already(f) for f in each])
         more = np.linalg.solve(known, score[..., None])[..., 0]
         shift[at] = state.fitted - np.einsum("khm,hm->hk", follows[:, own], more)
@@ -708,15 +711,10 @@ def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
     """Return recordings with the stretches of those that may work; None where none is free of contact."""
     machine, unit, size = question.machine, np.append(question.unit, 1.0), question.size
     settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
-    laid, numbers, sizes, carried, parts, apart = (
-        list[NDArray[np.int_] | None](),
-        list[int](),
-        list[float](),
-        list[bool](),
-        list[tuple[int, int]](),
-        0.0,
-    )
-    total = 0
+    laid = list[NDArray[np.int_] | None]()
+    numbers, sizes = list[int](), list[float]()  # by block: of its load, and the load's typical size
+    carried, parts = list[bool](), list[tuple[int, int]]()  # by load: carried on from the one before; its blocks
+    apart, total = 0.0, 0
     for seen, blocks, (first_block, _) in zip(question.seen, question.blocks, question.spans, strict=True):
         rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
         usable = blocks.usable.reshape(-1, blocks.usable.shape[2])
@@ -731,13 +729,9 @@ def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
         residual = lasting_rows @ (question.plain * unit)
         tilt = np.pad(np.sum(seen.rows.posture, axis=1), (0, len(rows) - len(seen.rows.t)), mode="edge")
         found = free_stretches(residual, rows[..., size : size + 4].astype(np.float64), usable, tilt, typical, settle)
-        own = list[NDArray[np.int_]]()
         for stretch in found:
-            inside = np.arange(stretch.first, stretch.last)
-            for part in np.array_split(inside, -(-len(inside) // BLOCK_ROWS)):
-                own.append(np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]))
-                numbers.append(len(carried))
-                sizes.append(PAYLOAD if stretch.loaded else CARRY_BACK)
+            numbers += [len(carried)] * len(stretch.blocks)
+            sizes += [PAYLOAD if stretch.loaded else CARRY_BACK] * len(stretch.blocks)
             carried.append(stretch.carried_on and not seen.recording.load_kg)
             parts.append(
                 (first_block + stretch.first // BLOCK_ROWS, first_block + (stretch.last - 1) // BLOCK_ROWS + 1)
@@ -745,12 +739,12 @@ def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
             length = stretch.last - stretch.first + 2 * settle
             total -= 0 if stretch.loaded and not seen.recording.load_kg else length
         total += len(seen.rows.t)
-        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]).astype(np.int_))
+        laid.append(_rows_of(found))
         apart += log_of_other_rows(residual, usable, found)
     count = sum(len(s.rows.t) for s in question.seen if s.recording.name in names)
     if not numbers or not any(sizes):
         return None
-    other = replace(question, laid=tuple(laid))
+    other = replace(question, laid=tuple(laid), apart=apart)
     case = other.likelihood()
     plain = Nuisance.of(other.blocks, range(size), question.unit, range(size, size + 4), typical)
     scaled = plain.sized(np.array(sizes))
@@ -770,13 +764,18 @@ def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
         shared * np.array(sizes)[:, None, None, None],
         case.gram.noise_energy,
     )
-    free = replace(case, nuisance=payload.with_loads(np.zeros(len(carried), dtype=np.bool_)), apart=apart)
+    free = replace(case, nuisance=payload.with_loads(np.zeros(len(carried), dtype=np.bool_)))
     losses = payload.losses(free.under((), free.state(machine.machine.noise))[2], machine.machine.noise)
     same = replace(free, nuisance=payload)
     gaps = same.rests(other.plain, machine.machine.noise)
     changed = replace(free, nuisance=payload.with_loads(payload.carried_on & ~losses.differs))
     spill = _spill(question, changed, payload, losses, parts, gaps)
     return Work(other, changed, gaps, total / max(count, 1), spill, names)
+
+
+def _rows_of(stretches: Sequence[FreeStretch]) -> NDArray[np.int_]:
+    """Return the rows of stretches in whole blocks, one after the other; -1 is none."""
+    return np.concatenate([np.zeros(0, dtype=np.int_), *(stretch.blocks.ravel() for stretch in stretches)])
 
 
 def _shared_by_block(noise: SharedNoise, blocks: Blocks, typical: Array) -> Array:
@@ -983,14 +982,9 @@ def _without_contact(question: FieldQuestion, coefficients: Array) -> tuple[Fiel
         lasting_rows = np.concatenate([rows[..., :size], rows[..., -1:]], axis=-1).astype(np.float64)
         residual, loads = lasting_rows @ (coefficients * unit), rows[..., size : size + 4].astype(np.float64)
         found = free_stretches(residual, loads, usable, np.zeros(len(rows)), typical, settle, payloads=False)
-        own = list[NDArray[np.int_]]()
-        for stretch in found:
-            inside = np.arange(stretch.first, stretch.last)
-            parts = np.array_split(inside, -(-len(inside) // BLOCK_ROWS))
-            own += [np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]) for part in parts]
-            kept += stretch.last - stretch.first + 2 * settle
+        kept += sum(stretch.last - stretch.first + 2 * settle for stretch in found)
         whole += len(seen.rows.t)
-        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]))
+        laid.append(_rows_of(found))
         apart += log_of_other_rows(residual, usable, found)
     if not 0.0 < 1.0 - kept / max(whole, 1) <= FEW_BLOCKS:
         return None

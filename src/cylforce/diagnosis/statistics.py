@@ -16,7 +16,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
-from cylforce.diagnosis.constants import BLOCK_ROWS, MEMORY, POLYNOMIALS
+from cylforce.diagnosis.constants import MEMORY, POLYNOMIALS
+from cylforce.readings.constants import BLOCK_ROWS
 from cylforce.signals.estimate import Array
 
 Mask = NDArray[np.bool_]

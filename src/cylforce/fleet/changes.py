@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.constants import CREDIBLE, HEALTHY, INCIDENT
+from cylforce.diagnosis.constants import INCIDENT
 from cylforce.fleet.causes import FRICTIONS, UNKNOWN, ChangeCause
 from cylforce.fleet.history import History
+from cylforce.readings.constants import CREDIBLE, HEALTHY
 from cylforce.signals.estimate import Array
 
 MOST_CHANGES = 3  # changes of one machine; chosen: beyond that it is another machine

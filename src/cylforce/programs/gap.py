@@ -9,7 +9,6 @@ import numpy as np
 
 from cylforce.diagnosis import Diagnosis, SheetGap, gap_of_sheet
 from cylforce.diagnosis import diagnose as diagnosed
-from cylforce.diagnosis.constants import BLOCK_ROWS
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import with_proposals
 from cylforce.diagnosis.recordings import Recording
@@ -32,6 +31,7 @@ from cylforce.programs.experiments.catalogue import STILL_S
 from cylforce.programs.experiments.separation import MotionPlan, planned, sentences
 from cylforce.programs.wording.fault_words import happening_beside
 from cylforce.readings.clocks import ClockSlip, clock_faults
+from cylforce.readings.constants import BLOCK_ROWS
 from cylforce.readings.faulty_sensors import faulty_sensors
 from cylforce.readings.jumps import jumping_sensors
 from cylforce.readings.noise import noise_warning, sensor_noise, usual_noise

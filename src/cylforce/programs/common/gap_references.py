@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.diagnosis.constants import BLOCK_ROWS
 from cylforce.diagnosis.model import CENTRE, ColumnLayout, quiet_blocks
 from cylforce.diagnosis.regressors import Regressors, TorqueRows
 from cylforce.diagnosis.statistics import Mask
 from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import SHORTEST_S
-from cylforce.readings.constants import CLEAR_GAP
+from cylforce.readings.constants import BLOCK_ROWS, CLEAR_GAP
 from cylforce.readings.faulty_sensors import faulty_sensors
 from cylforce.readings.outliers import References
 from cylforce.readings.recording import Recording, names_of
