@@ -232,7 +232,7 @@ MENDABLE = [
     ("sim M --effects @/effects2.toml", r"effects2\.toml:9: effects\.leak\.form_s is not a key.*did you mean from_s"),
     ("sim M --library @/own.py", r"own\.py:1: is no Python"),
     ("sim M --library @/absent.py", r"absent\.py: cannot be read \(No such file or directory\)"),
-    ("sim M --effects @/binary.toml", r"binary\.toml: is no text"),
+    ("sim M --effects @/binary.toml", r"binary\.toml: is not UTF-8 text"),
     ("sim M --effects @/broken.toml", r"broken\.toml: is not TOML"),
     ("sim M --effects @/empty.toml", r"empty\.toml:1: the file lacks the key effects: add it"),
     ("sim M --cycles 1 --truth @/absent/t.csv", r"t\.csv: cannot be written"),

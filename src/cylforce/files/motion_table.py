@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cylforce.files.atomic import LARGEST, RecordingError, is_large, is_stream, replacing
+from cylforce.files.atomic import RecordingError, replacing
+from cylforce.files.text_file import read_text
 from cylforce.signals.estimate import Array
 
 TIME, SUFFIX, SLEW = "t_s", "_rad", "slew"
@@ -54,7 +55,7 @@ def write_motion(path: Path, table: MotionTable, joints: Sequence[str]) -> None:
 def read_motion(path: Path, joints: Sequence[str]) -> MotionTable:
     """Read a motion of a machine with joints of these names. Raises RecordingError with file, line and cure."""
     header, rows, lines, comments = None, list[list[float]](), list[int](), list[str]()
-    for number, line in enumerate(_text(path).splitlines(), 1):
+    for number, line in enumerate(read_text(path, EXAMPLE).splitlines(), 1):
         text = line.strip()
         if text.startswith("#"):
             comments.append(text[1:].strip())
@@ -75,19 +76,6 @@ def read_motion(path: Path, joints: Sequence[str]) -> MotionTable:
     slew = values[:, header.index(f"{SLEW}{SUFFIX}")] if f"{SLEW}{SUFFIX}" in header else np.zeros(len(values))
     angles = values[:, [header.index(name) for name in names]]
     return MotionTable(values[:, 0] - values[0, 0], angles, slew, tuple(lines), tuple(comments))
-
-
-def _text(path: Path) -> str:
-    if is_stream(path):
-        raise RecordingError(f"{path}: is no ordinary file but a pipe or a device: {EXAMPLE}")
-    if is_large(path):
-        raise RecordingError(f"{path}: is larger than {LARGEST // 10**6} MB: give a shorter motion")
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}): {EXAMPLE}") from error
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: is no text (byte {error.start}): {EXAMPLE}") from error
 
 
 def _columns(path: Path, line: int, text: str, joints: Sequence[str]) -> list[str]:

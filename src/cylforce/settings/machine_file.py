@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cylforce.estimation.model import FRICTION
-from cylforce.files.atomic import LARGEST, is_large, is_stream
 from cylforce.files.tables import TableMap
+from cylforce.files.text_file import read_text
 from cylforce.mechanics.installation import Attachment, Filters, Health, SensorNode, Service
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.bus import nodes, own_pdos
@@ -97,16 +97,7 @@ def default_filters() -> Filters:
 
 def _text(path: Path) -> str:
     """Return the text of the file. Raises SettingsError."""
-    if is_stream(path):
-        raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give the path of a machine file")
-    if is_large(path):
-        raise SettingsError(f"{path}: is larger than {LARGEST // 10**6} MB: give the path of a machine file")
-    try:
-        text = path.read_bytes().decode("utf-8")
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read ({error.strerror}): give the path of a machine file") from error
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{path}: is not UTF-8 text at byte {error.start}: save it as UTF-8") from error
+    text = read_text(path, "give the path of a machine file", SettingsError)
     if not text.strip():
         raise SettingsError(f"{path}: is empty: write [machine], [[links]] and the other tables of a machine file")
     return text

@@ -5,7 +5,18 @@ from typing import Annotated
 
 import typer
 
-from cylforce.programs.commands.options import INTERRUPTED, IdentifiedFile, MachineFile, UsualFile, example
+from cylforce.programs.commands.options import (
+    INTERRUPTED,
+    Answer,
+    IdentifiedFile,
+    KeepStatistics,
+    KnownLoads,
+    MachineFile,
+    NextMotion,
+    References,
+    UsualFile,
+    example,
+)
 
 EXAMPLE = example("cylforce checkup machine.toml today.log checkup_1.log --reference in_order.log --still still.log")
 
@@ -15,14 +26,10 @@ def checkup(
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="RECORDING...", help="Recordings, one step each, as they come.")
     ] = None,
-    reference: Annotated[
-        list[Path] | None, typer.Option(help="A recording of the machine in order. May be repeated.")
-    ] = None,
+    reference: References = None,
     identified: IdentifiedFile = None,
     usual: UsualFile = None,
-    load: Annotated[
-        list[str] | None, typer.Option(metavar="FILE=KG", help="The known load in one recording. May be repeated.")
-    ] = None,
+    load: KnownLoads = None,
     still: Annotated[
         Path | None, typer.Option(help="Ten seconds of the machine without pressure: the zeros of its sensors.")
     ] = None,
@@ -30,14 +37,9 @@ def checkup(
         str | None, typer.Option(metavar="INTERFACE:CHANNEL", help="Guide and record the steps on this bus.")
     ] = None,
     folder: Annotated[Path, typer.Option(help="On the bus: the folder of the recordings.")] = Path("checkup"),
-    output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
-    next_motion: Annotated[
-        Path | None,
-        typer.Option(metavar="OUT.csv", help="Write the motion to record next there: joint angles over time."),
-    ] = None,
-    cache: Annotated[
-        bool, typer.Option(help="Keep what was computed of the references in the user's cache folder.")
-    ] = True,
+    output: Answer = None,
+    next_motion: NextMotion = None,
+    cache: KeepStatistics = True,
 ) -> None:
     """Find out what is wrong, motion by motion.
 

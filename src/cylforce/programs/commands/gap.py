@@ -5,7 +5,17 @@ from typing import Annotated
 
 import typer
 
-from cylforce.programs.commands.options import IdentifiedFile, MachineFile, UsualFile, example
+from cylforce.programs.commands.options import (
+    Answer,
+    IdentifiedFile,
+    KeepStatistics,
+    KnownLoads,
+    MachineFile,
+    NextMotion,
+    References,
+    UsualFile,
+    example,
+)
 
 EXAMPLE = example("cylforce gap machine.toml today.log --reference in_order.log --html gap.html --patch gap.toml")
 
@@ -13,16 +23,12 @@ EXAMPLE = example("cylforce gap machine.toml today.log --reference in_order.log 
 def gap(
     machine: MachineFile,
     field: Annotated[list[Path], typer.Argument(metavar="FIELD...", help="Recordings that differ from the model.")],
-    reference: Annotated[
-        list[Path] | None, typer.Option(help="A recording of the machine in order. May be repeated.")
-    ] = None,
+    reference: References = None,
     simulation: Annotated[
         list[Path] | None, typer.Option(help="A recording of your own simulation of it. May be repeated.")
     ] = None,
     identified: IdentifiedFile = None,
-    load: Annotated[
-        list[str] | None, typer.Option(metavar="FILE=KG", help="The known load in one recording. May be repeated.")
-    ] = None,
+    load: KnownLoads = None,
     only: Annotated[str | None, typer.Option(metavar="NAME@AT", help="Fit the size of this effect alone.")] = None,
     without: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Leave this effect out of the library. May be repeated.")
@@ -31,19 +37,14 @@ def gap(
         Path | None, typer.Option(metavar="FILE.py", help="Effects of your own, one class each.")
     ] = None,
     usual: UsualFile = None,
-    output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
+    output: Answer = None,
     html: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
     patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
     residuals: Annotated[
         Path | None, typer.Option(help="Write the unexplained torques before and after there (npz).")
     ] = None,
-    next_motion: Annotated[
-        Path | None,
-        typer.Option(metavar="OUT.csv", help="Write the motion to record next there: joint angles over time."),
-    ] = None,
-    cache: Annotated[
-        bool, typer.Option(help="Keep what was computed of the references in the user's cache folder.")
-    ] = True,
+    next_motion: NextMotion = None,
+    cache: KeepStatistics = True,
 ) -> None:
     """Say why recordings differ from the model.
 

@@ -17,6 +17,26 @@ UsualFile = Annotated[
     Path | None,
     typer.Option("--usual", help="What is usual for the type, from `cylforce fleet`, in place of what is stated."),
 ]
+References = Annotated[
+    list[Path] | None, typer.Option("--reference", help="A recording of the machine in order. May be repeated.")
+]
+KnownLoads = Annotated[
+    list[str] | None,
+    typer.Option("--load", metavar="FILE=KG", help="The known load in one recording. May be repeated."),
+]
+NextMotion = Annotated[
+    Path | None,
+    typer.Option(
+        "--next-motion",
+        metavar="OUT.csv",
+        help="Write the motion to record next there: joint angles over time.",
+    ),
+]
+KeepStatistics = Annotated[
+    bool,
+    typer.Option("--cache/--no-cache", help="Keep what was computed of the references in the user's cache folder."),
+]
+Answer = Annotated[Path | None, typer.Option("--json", help="Write the answer there.")]
 Unit = Annotated[str, typer.Option(help="Unit of the masses: kg, t, lb or short-ton (2000 lb).")]
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 

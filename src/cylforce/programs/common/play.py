@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 
 from cylforce.effects.imposed import Imposed, imposed
 from cylforce.effects.library import LIBRARY, Group
-from cylforce.files.atomic import LARGEST, is_large, is_stream
+from cylforce.files.text_file import read_text
 from cylforce.files.truth import describe_truth
 from cylforce.mechanics.installation import Service
 from cylforce.programs.experiments.motions import read_scene
@@ -106,7 +106,7 @@ def _digging(service: Service, rng: np.random.Generator, count: int) -> Iterable
 
 def read_effects(path: Path, loaded: Loaded, library: tuple[Group, ...] = LIBRARY) -> tuple[Imposed, ...]:
     """The effects of a file, by their names in the `library`. Raises SettingsError."""
-    text = _effects_text(path)
+    text = read_text(path, "give a file with [[effects]]", SettingsError)
     try:
         raw = tomllib.loads(text)
     except ValueError as error:
@@ -118,19 +118,6 @@ def read_effects(path: Path, loaded: Loaded, library: tuple[Group, ...] = LIBRAR
         faults = [_fault(found) for found in error.errors()]
         raise SettingsError(error_text(source, faults)) from error
     return tuple(_imposed(loaded, each, source, k, library) for k, each in enumerate(tables))
-
-
-def _effects_text(path: Path) -> str:
-    if is_stream(path):
-        raise SettingsError(f"{path}: is no ordinary file but a pipe or a device: give a file with [[effects]]")
-    if is_large(path):
-        raise SettingsError(f"{path}: is larger than {LARGEST // 10**6} MB: give a file with [[effects]]")
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read ({error.strerror}): give a file with [[effects]]") from error
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{path}: is no text (byte {error.start}): give a file with [[effects]]") from error
 
 
 def _fault(found: ErrorDetails) -> FaultError:

@@ -11,7 +11,7 @@ from typing import Any
 from cylforce.effects.fault import Fault
 from cylforce.effects.library import LIBRARY, UNKNOWN, Group
 from cylforce.effects.own_effects import METHODS, check_groups
-from cylforce.files.atomic import LARGEST, is_large, is_stream
+from cylforce.files.text_file import read_text
 from cylforce.mechanics.machine import Machine
 from cylforce.settings.error import SettingsError
 
@@ -38,16 +38,9 @@ def load_library(path: Path, machine: Machine | None = None) -> tuple[Group, ...
 
 def _source(path: Path) -> str:
     """The text of the file. Raises SettingsError."""
-    if is_stream(path) or is_large(path):
-        raise SettingsError(f"{path}: is no file, or larger than {LARGEST // 10**6} MB: {CURE}")
     if path.suffix != ".py":
         raise SettingsError(f"{path}: does not end in .py: {CURE}")
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read ({error.strerror}): {CURE}") from error
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{path}: is no text (byte {error.start}): {CURE}") from error
+    return read_text(path, CURE, SettingsError)
 
 
 def _run(path: Path, text: str) -> ModuleType:
