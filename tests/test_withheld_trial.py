@@ -1,6 +1,7 @@
 """The withheld trial is fair: seeds decide, effects are in the field alone, folders tell nothing, labels are sealed."""
 
 import json
+import shutil
 import sys
 from collections import Counter
 from dataclasses import replace
@@ -14,12 +15,13 @@ from cylforce.settings.machine_file import load
 from reference_machine import draw
 from reference_machine.sensors import SIGNALS
 from trial.cases import sealed, simulated, write
-from trial.diagnosis import Diagnosis
+from trial.diagnosis import Diagnosis, arguments
 from trial.effects.fault import WIDER, Draw, same_physics
 from trial.effects.foreign import FOREIGN
 from trial.effects.library import CLUTTER, KNOWN, clutter
 from trial.effects.unheard import UNHEARD
 from trial.field import PAUSE_S, Site, faulty, lacking, scene
+from trial.knowledge import Knowledge, Limited
 from trial.motion import KINDS as MOTIONS
 from trial.orders import FIRST_SCORED, KINDS, NAMES, PER_MACHINE, POOR, Order, machine_seed, order
 from trial.repertoire import LOAD_KG, REFERENCES, Repertoire, Ride, drawn
@@ -304,3 +306,60 @@ def test_work_without_references_has_a_size(tmp_path):
     assert label["scenario"] == "dig_cycles"
     assert label["references"] == []
     assert 1.0 < label["effects"][0]["sigmas"] < 1e4
+
+
+class TestKnowledge:
+    """A diagnosis gets what it may know of the healthy machine, and no more."""
+
+    @pytest.fixture
+    def folder(self, site, tmp_path):
+        case, _ = simulated(site, one("stribeck"))
+        write(case, tmp_path)
+        return tmp_path
+
+    @pytest.mark.parametrize(
+        ("knowledge", "references", "compared"),
+        [
+            (Knowledge.REFERENCES, 2, 2),
+            (Knowledge.ONE_REFERENCE, 1, 1),
+            (Knowledge.DATA_SHEET, 0, 0),
+        ],
+    )
+    def test_references_that_it_may_not_know_are_gone(self, folder, knowledge, references, compared):
+        with Limited(knowledge) as limited:
+            assert len(limited.apply(folder)) == compared
+        words = arguments(folder)
+        assert words.count("--reference") == references
+        assert len(list(folder.glob("reference*"))) == references
+        assert all((folder / word).exists() for word in words if word.endswith(".parquet"))
+
+    def test_an_identification_comes_from_the_empty_references_once_for_all_cases(self, folder, tmp_path, monkeypatch):
+        read = []
+
+        def identify(loaded, recordings, output, how):
+            read.append([path.name for path in recordings])
+            output.write_text("[identified]\n")
+
+        monkeypatch.setattr("trial.knowledge.run_identify", identify)
+        copy = tmp_path.with_name("copy")
+        shutil.copytree(folder, copy)
+        with Limited(Knowledge.IDENTIFIED) as limited:
+            assert [limited.apply(path) for path in (folder, copy)] == [["identified.toml"]] * 2
+        assert read == [["reference_empty.parquet"]]
+        assert arguments(copy)[-4:-2] == ["--identified", "identified.toml"]
+        assert "--reference" not in arguments(folder)
+
+    def test_where_no_reference_suffices_the_data_sheet_remains(self, folder, monkeypatch):
+        def refuse(*_):
+            raise ValueError("too short")
+
+        monkeypatch.setattr("trial.knowledge.run_identify", refuse)
+        with Limited(Knowledge.IDENTIFIED) as limited:
+            assert limited.apply(folder) == []
+        assert not {"--identified", "--reference"} & set(arguments(folder))
+
+
+def test_every_other_healthy_machine_is_in_harsh_conditions():
+    orders = [order(5, k, development=True) for k in range(80)]
+    assert Counter(o.harsh for o in orders if o.kind == "none") == {True: 10, False: 10}
+    assert not any(o.harsh for o in orders if o.kind != "none")

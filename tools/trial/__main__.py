@@ -19,6 +19,7 @@ from trial.asking import Asked, of_folder, of_machines, run
 from trial.cases import simulated, write
 from trial.diagnosis import COMMAND, Diagnosis
 from trial.field import Site
+from trial.knowledge import Knowledge
 from trial.orders import PER_MACHINE, Order, order
 from trial.run import Record, Trial
 from trial.summary import OWN, listed, result, show
@@ -36,6 +37,7 @@ def _arguments() -> argparse.Namespace:
     add("--development", action="store_true", help="machines for development, never scored")
     add("--source", type=Path, metavar="FOLDER", help="labelled machines instead: labels.json, a folder each")
     add("--only", nargs="+", default=[""], metavar="PREFIX", help="with --source: recordings whose name begins so")
+    add("--knowledge", type=Knowledge, choices=list(Knowledge), default=Knowledge.REFERENCES, help="of the machine")
     add("--stratum", nargs="+", default=[], metavar="WORD", help="cases of a kind, effect, motion: all words hold")
     add("--summary", action="store_true", help="asks nothing: the tables of what has been asked")
     add("--json", type=Path, metavar="OUT", help="all figures")
@@ -79,7 +81,8 @@ def _asked(asked: argparse.Namespace, trial: Trial) -> Asked:
 
 def _name(asked: argparse.Namespace) -> str:
     """Of the table of results."""
-    return asked.source.resolve().name if asked.source else f"{asked.seed}{'_development' * asked.development}"
+    own = asked.source.resolve().name if asked.source else f"{asked.seed}{'_development' * asked.development}"
+    return own if asked.knowledge is Knowledge.REFERENCES else f"{own}_{asked.knowledge}"
 
 
 def main() -> int:
@@ -93,7 +96,9 @@ def main() -> int:
         return 0
     table = asked.table or ROOT / ".cache" / f"withheld_trial_{_name(asked)}.jsonl"
     table.parent.mkdir(parents=True, exist_ok=True)
-    trial = Trial(table, diagnosis=Diagnosis(tuple(asked.diagnosis)), oracle=not asked.no_oracle)
+    trial = Trial(
+        table, diagnosis=Diagnosis(tuple(asked.diagnosis)), oracle=not asked.no_oracle, knowledge=asked.knowledge
+    )
     try:
         cases = _asked(asked, trial).stratum(asked.stratum)
     except ValueError as error:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rich.progress import track
 
+from .knowledge import Limited
 from .orders import Order
 from .repertoire import drawn
 from .run import Trial, run_machine
@@ -76,8 +77,9 @@ def of_folder(trial: Trial, folder: Path, prefixes: tuple[str, ...]) -> Asked:
 
 def ask_folder(trial: Trial, asked: Sequence[tuple[Labelled, Record]]) -> int:
     """Cases of one labelled machine."""
-    for record in source_records(trial.diagnosis, asked):
-        trial.append(record)
+    with Limited(trial.knowledge) as limited:
+        for record in source_records(trial.diagnosis, asked, limited):
+            trial.append(record)
     return len(asked)
 
 

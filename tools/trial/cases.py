@@ -44,6 +44,8 @@ def simulated(site: Site, order: Order, only: int | None = None) -> tuple[Case, 
     rng = np.random.default_rng([*order.seed, 11])
     poor, site = order.poor, site.two_links if order.two_links else site
     pieces = site.poor(rng, 100 + order.number, poor) if poor else site.showing(order.names)
+    if order.harsh:
+        pieces = site.harsh
     faults, small = drawn(order, pieces, rng)
     if only is not None:
         faults, small = [*faults, *small][only : only + 1], []
@@ -79,6 +81,7 @@ def label(order: Order, faults: list[Fault], small: list[Fault]) -> dict[str, An
         "clutter": [fault.label() for fault in small],
         "effects": [fault.label() for fault in faults],
         "machine": order.machine,
+        "harsh": order.harsh,
         "friction": order.friction,
     }
 

@@ -26,6 +26,23 @@ TURNED = ("slew_centrifugal",)  # effects of slewing
 
 
 @dataclass(frozen=True)
+class Weather:
+    """Conditions of a field recording.
+
+    degc:                oil temperature at its begin [degC]
+    pitch_deg, roll_deg: largest inclinations of the ground [deg]
+    """
+
+    degc: float = 40.0
+    pitch_deg: float = 5.0
+    roll_deg: float = 3.0
+
+
+USUAL_WEATHER = Weather()
+HARSH = Weather(degc=8.0, pitch_deg=12.0, roll_deg=7.0)  # a winter morning on a slope
+
+
+@dataclass(frozen=True)
 class Piece:
     """A recording before its sensors are read: the motion of the clean machine. `boom` (T,): planned lengths of the
     boom's cylinders [m], where the clean machine does not move them."""
@@ -103,6 +120,11 @@ class Site:
         """Strokes, empty and with a load, and slewing: for effects that the other pieces could not show."""
         return self.field(USUAL, np.random.default_rng([self.seed, 6]), 30)
 
+    @cached_property
+    def harsh(self) -> tuple[Piece, ...]:
+        """The motions of the field by a healthy machine in harsh conditions."""
+        return self.field(self.repertoire.field, np.random.default_rng([self.seed, 9]), 40, weather=HARSH)
+
     def showing(self, names: tuple[str, ...]) -> tuple[Piece, ...]:
         """The field of a case with effects of these names."""
         loaded = any(piece.stretch.payload_kg for piece in self.pieces)
@@ -117,25 +139,40 @@ class Site:
             rides = tuple(replace(ride, seconds=POOR_S / self.share) for ride in rides)
         return self.field(rides, rng, run, poor)
 
-    def field(self, rides: tuple[Ride, ...], rng: np.random.Generator, run: int, poor: str = "") -> tuple[Piece, ...]:
+    def field(
+        self,
+        rides: tuple[Ride, ...],
+        rng: np.random.Generator,
+        run: int,
+        poor: str = "",
+        weather: Weather = USUAL_WEATHER,
+    ) -> tuple[Piece, ...]:
         """Rides one after the other."""
         pieces: list[Piece] = []
         begin = 0.0
         for ride in rides:
-            pieces.append(self._piece(ride, begin, rng, run + len(pieces), poor))
+            pieces.append(self._piece(ride, begin, rng, run + len(pieces), poor, weather))
             begin += pieces[-1].plan.rows / RATE + PAUSE_S
         return tuple(pieces)
 
-    def _piece(self, ride: Ride, begin: float, rng: np.random.Generator | None, run: int, poor: str = "") -> Piece:
+    def _piece(
+        self,
+        ride: Ride,
+        begin: float,
+        rng: np.random.Generator | None,
+        run: int,
+        poor: str = "",
+        weather: Weather = USUAL_WEATHER,
+    ) -> Piece:
         """A ride; with random numbers on a slope of its own, else on one that is drawn with the run."""
-        slope = None if rng is None else (float(rng.uniform(-5.0, 5.0)), float(rng.uniform(-3.0, 3.0)))
+        slope = None if rng is None else (_either_way(rng, weather.pitch_deg), _either_way(rng, weather.roll_deg))
         made = stage(
             self.machine,
             self.kind(ride),
             self.share * ride.seconds,
             run,
             slope=slope,
-            degc=40.0 + 0.0125 * begin,
+            degc=weather.degc + 0.0125 * begin,
             load_kg=ride.load_kg,
             slew=self.turns and not poor,
         )
@@ -149,6 +186,10 @@ class Site:
     def kind(self, ride: Ride) -> str:
         """The kind of motion that the machine makes of a ride."""
         return ride.kind
+
+
+def _either_way(rng: np.random.Generator, largest: float) -> float:
+    return float(rng.uniform(-largest, largest))
 
 
 class TwoLinks(Site):

@@ -91,6 +91,12 @@ class Judged:
         return bool(self.effects) and place(self.effects[0]) in self.truth
 
     @property
+    def joint_right(self) -> bool:
+        """Whether the first effect that is named is at the joint, or a sensor of the joint, of a true one."""
+        named = str(self.effects[0]["at"]).partition("_")[0]
+        return named in {at.partition("_")[0] for _, at in self.truth}
+
+    @property
     def present(self) -> set[Place]:
         """(name, at) of every effect that is there to be seen: also of one of the clutter, if the answer names it first
         and it is as large as what must be seen; of what a data sheet does not know, where that is all there is to

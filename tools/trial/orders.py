@@ -16,13 +16,25 @@ FIRST_SCORED = 500_000  # machines below are for development
 PER_SEED, SEEDS = 1000, 499  # machines of a seed
 NAMES = (*KNOWN, BOOM_MOTION)
 NONE_OF_TWO_LINKS = 8  # one of so many cases without an effect is a system of stick and bucket alone
+CONDITIONS = ("usual", "harsh")  # of cases without an effect: cold oil on a steep slope, every other one
 
 
 @dataclass(frozen=True)
 class Order:
-    """Case `number`: its kind, the effects' names, whether small other effects are added, what its motion lacks; the
-    seed of its machine, the friction there, and the seed of its own random numbers; whether it is asked once more with
-    its effect left out of the library."""
+    """A case.
+
+    number:    of the case
+    kind:      of KINDS
+    names:     of its effects
+    clutter:   whether small other effects are added
+    poor:      what its motion lacks, of POOR; empty if nothing
+    machine:   seed of its machine
+    friction:  law of the friction there
+    seed:      of its own random numbers
+    two_links: whether the machine has stick and bucket alone
+    without:   whether it is diagnosed once more with its effect left out of the library
+    harsh:     whether the healthy machine works with cold oil on a steep slope
+    """
 
     number: int
     kind: str
@@ -34,6 +46,7 @@ class Order:
     seed: tuple[int, ...]
     two_links: bool = False
     without: bool = False
+    harsh: bool = False
 
 
 def order(seed: int, number: int, *, development: bool) -> Order:
@@ -53,6 +66,7 @@ def order(seed: int, number: int, *, development: bool) -> Order:
         friction=("own", "foreign")[int(np.random.default_rng([machine, 77]).integers(2))],
         seed=own,
         without=kind == "known" and before < len(NAMES),
+        harsh=kind == "none" and _cycle(seed, 8, CONDITIONS, before) == "harsh",
     )
 
 

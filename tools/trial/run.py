@@ -18,6 +18,7 @@ from cylforce.settings.machine_file import load
 from .cases import Case, sealed, simulated, write
 from .diagnosis import Diagnosis
 from .field import Site
+from .knowledge import Knowledge, Limited
 from .orders import Order
 from .repertoire import LOAD_KG
 from .scoring import true_closure
@@ -29,12 +30,20 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Trial:
-    """How cases are run: the share of the usual durations, the diagnosis, and the table that they are appended to."""
+    """How cases are run.
+
+    table:     file that the cases are appended to
+    share:     of the usual durations
+    diagnosis: the command
+    oracle:    whether a diagnosis that is given the effect's name is run, too
+    knowledge: what the diagnosis knows of the healthy machine
+    """
 
     table: Path
     share: float = 1.0
     diagnosis: Diagnosis = field(default_factory=Diagnosis)
     oracle: bool = True
+    knowledge: Knowledge = Knowledge.REFERENCES
 
     def done(self) -> list[Record]:
         """The records of the table so far."""
@@ -52,12 +61,13 @@ class Trial:
 def run_machine(trial: Trial, orders: Sequence[Order]) -> int:
     """All cases of one machine; returns how many."""
     site = Site(orders[0].machine, orders[0].friction, trial.share)
-    for record in records(trial, site, orders):
-        trial.append(record)
+    with Limited(trial.knowledge) as limited:
+        for record in records(trial, site, orders, limited):
+            trial.append(record)
     return len(orders)
 
 
-def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Record]:
+def records(trial: Trial, site: Site, orders: Sequence[Order], limited: Limited | None = None) -> Iterator[Record]:
     """The cases one after the other. The label is sealed before the diagnosis starts, and opened after its answer;
     meanwhile it is nowhere but in the memory of this process."""
     for wanted in orders:
@@ -68,6 +78,8 @@ def records(trial: Trial, site: Site, orders: Sequence[Order]) -> Iterator[Recor
             write(case, folder)
             truth = Truth(case, twin, folder)
             label = json.loads(json.dumps(truth.sized(site)))
+            if limited is not None:
+                label["references"] = limited.apply(folder)
             salt = secrets.token_hex(16)
             digest = sealed(label, salt)
             print(f"case {wanted.number} sealed {digest}", flush=True)

@@ -18,6 +18,7 @@ from cylforce.settings.machine_file import load
 
 from .diagnosis import Diagnosis
 from .judged import VISIBLE
+from .knowledge import Limited
 
 Record = dict[str, Any]
 REFERENCE = "reference"
@@ -126,14 +127,18 @@ def tares_of(folder: Path, into: Path) -> Path | None:
     return out
 
 
-def source_records(diagnosis: Diagnosis, asked: Sequence[tuple[Labelled, Record]]) -> Iterator[Record]:
+def source_records(
+    diagnosis: Diagnosis, asked: Sequence[tuple[Labelled, Record]], limited: Limited
+) -> Iterator[Record]:
     """Cases of one machine, one after the other."""
     with TemporaryDirectory() as tares:
         for each, order in asked:
             found = tares_of(each.folder, Path(tares))
             with TemporaryDirectory(prefix="case") as name:
                 case_folder(each, Path(name), found)
-                yield _record(diagnosis, each, order, Path(name))
+                compared = limited.apply(Path(name))
+                record = _record(diagnosis, each, order, Path(name))
+                yield record | {"label": record["label"] | {"references": compared}}
 
 
 def _record(diagnosis: Diagnosis, each: Labelled, order: Record, folder: Path) -> Record:
