@@ -33,8 +33,10 @@ WIDE = 4.0  # of the data sheet's tolerances: what lies farther out stands at th
 
 
 def covered(machine: Machine, shown: Drawn) -> Figure:
-    """Per joint the seconds per angle, way and pace, what is missing framed; beside it the joints against each
-    other."""
+    """Draw for each joint the seconds by angle, direction and pace, with missing ones framed.
+
+    Beside them are the seconds of pairs of joints.
+    """
     count = len(shown.plan.joints)
     figure = canvas(0.5 + 2.0 * count)
     axes = figure.subplots(count, 2, squeeze=False, width_ratios=(2.4, 1.0))
@@ -84,8 +86,10 @@ def _plane(axes: Axes, seconds: Array, first: Array, second: Array) -> None:
 
 
 def weighing(machine: Machine, concluded: Findings) -> Figure:
-    """The standard error of a rated payload where the tool can be, with a sketch of the arm; beside it what limits
-    it."""
+    """Draw the standard error of a rated payload over the tool's working range, with a sketch of the arm.
+
+    Beside it are the contributions to the error.
+    """
     figure = canvas(4.8)
     axes, beside = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     _map(figure, axes, machine, concluded)
@@ -134,7 +138,7 @@ def _arm(axes: Axes, machine: Machine, theta: Array) -> None:
 
 
 def parameters(concluded: Findings) -> Figure:
-    """Bodies in units of the data sheet's tolerance; friction in its own."""
+    """Draw parameters of bodies in units of the data sheet's tolerance."""
     bodies = [p for p in concluded.parameters if p.unit.startswith("kg")]
     figure = canvas(1.1 + 0.27 * len(bodies))
     axes = figure.subplots()
