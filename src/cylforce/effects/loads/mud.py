@@ -20,7 +20,7 @@ class Mud:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "mud",
             "kg",
@@ -50,8 +50,10 @@ class Mud:
         return (200.0, 60.0, 60.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Change (3N, 3) of (J, X, Z) of all links by a unit mass at the centre of gravity of link `where`, and by its
-        two first moments about that point."""
+        """Return the change (3N, 3) of (J, X, Z) of all links per unit of each size of link `where`.
+
+        The sizes are a mass at its centre of gravity and two first moments about that point.
+        """
         link, columns = machine.links[where], np.zeros((machine.size, 3, 3))
         for i in range(where):
             columns[i, 0, 0], columns[i, 1, 0] = machine.links[i].length ** 2, machine.links[i].length
@@ -60,8 +62,9 @@ class Mud:
         return columns.reshape(3 * machine.size, 3)
 
     def grown(self, t: Array) -> Array:
-        """Share of that mass at times t (T,) [s]: t / 600 s, or
-        (1 - exp(-slowing t)) / (1 - exp(-slowing 600 s))."""
+        """Return the share of that mass at times t (T,) [s]: t / 600 s, or (1 - exp(-slowing t)) / (1 - exp(-slowing
+        600 s)).
+        """
         if not self.slowing:
             return np.asarray(t / USUAL)
         return np.asarray(np.expm1(-self.slowing * t) / np.expm1(-self.slowing * USUAL))
