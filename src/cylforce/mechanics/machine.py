@@ -103,7 +103,7 @@ class Machine:
     slew_axis: signed distance of the first pin from the slew axis [m]
     gravity: gravity where the machine works [m/s^2]
     curled: least and greatest angle of the last joint at which a load is booked [rad]; None: any
-    opens: the tool empties by opening, as a grab does, not by tilting
+    opens: whether the tool empties by opening, as a grab does, not by tilting
     inertial: place x + i z of the base's inertial sensor, from the first pin [m]
     lengths: (N,) pin-to-pin lengths of the links [m]
     """
