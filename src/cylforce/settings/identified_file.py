@@ -72,12 +72,13 @@ class IdentifiedAttachment(_Strict):
 
 
 class IdentifiedFile(_Strict):
-    """The whole file.
+    """Content of the file.
 
     provenance: origin of the parameters
     warnings: sentences why these parameters should not be trusted, which every use repeats
     friction: names of the friction laws
-    scale, scale_standard_error: factor on the residual torque from a lift of a known weight
+    scale: factor on the residual torque from a lift of a known weight
+    scale_standard_error: its standard error
     unexplained_torque_n_m: (R,) rms residual of each measured joint [N m]
     unexplained_correlation_s: time for which the residual keeps its sign [s]
     friction_between_strokes: spread of friction between strokes, as a share
@@ -107,7 +108,7 @@ class IdentifiedFile(_Strict):
 
     @property
     def content(self) -> dict[str, JsonValue]:
-        """Return what is sealed: everything but the seal, and keys that the file does not have."""
+        """Return the sealed content: all keys of the file but the seal."""
         absent = {"common_scale_error"} if self.common_scale_error is None else set[str]()
         content: dict[str, JsonValue] = self.model_dump(mode="json", exclude={"seal", *absent})
         return content
