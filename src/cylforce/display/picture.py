@@ -143,7 +143,7 @@ def _number(value: float) -> float | None:
 
 
 def _points(shape: tuple[Place, ...] | list[Place]) -> list[tuple[float, float] | None]:
-    """Return corners [m], rounded to millimetres; None for what cannot be closed."""
+    """Return corners [m], rounded to millimetres; None where a linkage cannot be closed."""
     return [(round(z.real, 3), round(z.imag, 3)) if isfinite(abs(z)) else None for z in shape]
 
 
