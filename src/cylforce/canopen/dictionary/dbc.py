@@ -189,7 +189,7 @@ def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
 
 
 def _quality(status: str, reason: str, start: int, bits: int = 8) -> list[DbcSignal]:
-    """Return status and reason, the two parts of a quality of `bits` bits."""
+    """Return status and reason, which are packed into a quality of `bits` bits."""
     return [
         _integer(status, start, _STATUS_BITS, _names(Status)),
         _integer(reason, start + _STATUS_BITS, bits - _STATUS_BITS, _names(Reason)),
