@@ -54,7 +54,8 @@ class Missing(NamedTuple):
     """Motion that is still missing.
 
     joint: number of the joint
-    low, high: range of its angle of `drive` [rad]
+    low: least angle of `drive` of the bin [rad]
+    high: greatest angle of `drive` of the bin [rad]
     way: direction of its cylinder
     pace: slow or fast
     seconds: recorded time [s]

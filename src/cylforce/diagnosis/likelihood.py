@@ -194,7 +194,8 @@ class Form:
     name:      of the effect
     at:        its location
     columns:   numbers of its columns
-    low, high: plausible range of its magnitude [unit of the effect]
+    low:       least plausible magnitude [unit of the effect]
+    high:      largest plausible magnitude [unit of the effect]
     sign:      1 or -1 where only that sign is possible, else 0
     axes:      number of its sizes that are components of the magnitude
     sensor:    whether it is an error of readings or of geometry

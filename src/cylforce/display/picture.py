@@ -25,7 +25,9 @@ LAST_SHARE = 1.2  # remaining mass below which the next bucket is the last, time
 class Marks(NamedTuple):
     """Settings of the page.
 
-    amber, green, red: share of the target from which on the bar has this colour
+    amber: share of the target from which on the bar is amber
+    green: share of the target from which on the bar is green
+    red: share of the target from which on the bar is red
     check_zero_min: minutes without a new zero after which the page reminds of it; 0: never
     """
 

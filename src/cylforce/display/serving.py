@@ -78,7 +78,8 @@ class Display:
     """Bus, listener and panel, and the pictures made of them.
 
     panel: the operator's panel
-    work, engineering: the two streams of pictures
+    work: stream of pictures for the operator
+    engineering: stream of pictures for the engineer
     """
 
     def __init__(self, served: Served, bus: Bus) -> None:

@@ -23,7 +23,8 @@ class ColumnMap(NamedTuple):
 
     signal: name of the signal
     column: name of the column
-    scale, offset: conversion to SI
+    scale: factor of the conversion to SI
+    offset: offset of the conversion to SI
     """
 
     signal: str

@@ -48,9 +48,9 @@ from cylforce.settings.machine_file import Loaded
 
 CERTAIN = 0.95  # probability of a cause that is named alone, from which on nothing more is recorded; requirement
 MOST_SHOWN = 3  # causes of a step
-MOST_FURTHER = 3  # motions beyond the check-up itself that are asked for on the bus; convention: half an hour in all
+MOST_FURTHER = 3  # motions requested beyond the check-up itself; convention: half an hour in all
 TURNING = 0.02  # rad/s, from which on a joint moves; chosen: well above the noise of an angle sensor
-ENOUGH = 0.5  # of a motion of the check-up: with less of it, it is asked for
+ENOUGH = 0.5  # of a motion of the check-up: with less of it, it is requested
 LOOK_S = 0.25
 GIVE_UP_S = 30.0  # without one whole sample
 LONGEST = 4.0  # times the duration of a motion, after which a step without enough motion is given up; chosen

@@ -191,7 +191,7 @@ def _stop(loaded: Loaded, order: Order, view: View, console: Console) -> None:
 
 def _scaled(loaded: Loaded, found: Identification, order: Order, known_kg: float, console: Console) -> bool:
     """Monitor the lift of a known weight and compute the scale from it; return False when it was interrupted."""
-    # The scale is what the lift is to show: its error must not keep the known weight from being booked. The oil is as
+    # The lift determines the scale: its error must not prevent the booking of the known weight. The oil is as
     # warm as it was a minute ago, so that friction and zeros differ no more than between strokes.
     core = Core(loaded.service._replace(adapt=False), found.tares._replace(scale_error=0.0, common_error=0.0))
     console.print(f"recording the lift to {order.lift_log}", soft_wrap=True)

@@ -22,7 +22,8 @@ class Provenance(_Strict):
     format: version of the file's format
     machine: name of the machine
     machine_sha256: hash of its machine file
-    recordings, recording_sha256: names and hashes of the recordings
+    recordings: names of the recordings
+    recording_sha256: hashes of the recordings
     date: time of the identification
     cylforce: version of the program
     """
@@ -39,8 +40,10 @@ class Provenance(_Strict):
 class IdentifiedParameter(_Strict):
     """One parameter.
 
-    name, unit: as in the model
-    value, standard_error: in that unit
+    name: as in the model
+    unit: as in the model
+    value: in that unit
+    standard_error: in that unit
     from_recording: whether the recording determines it; otherwise the data sheet's value was kept
     """
 
@@ -55,7 +58,8 @@ class IdentifiedAttachment(_Strict):
     """The parameters with another tool.
 
     name: name of the attachment
-    recordings, recording_sha256: names and hashes of the recordings
+    recordings: names of the recordings
+    recording_sha256: hashes of the recordings
     date: time of the identification
     unexplained_torque_n_m: (R,) rms residual of each measured joint [N m]
     values: (P,) in the order of the file's `parameters`

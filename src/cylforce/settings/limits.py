@@ -22,7 +22,8 @@ HUGE = 1e12  # beyond this nothing is a measurement, and squares overflow
 class Typical:
     """The range of a value that machines have, both ends included.
 
-    low, high: in the unit of the key
+    low: least typical value, in the unit of the key
+    high: largest typical value, in the unit of the key
     """
 
     low: float

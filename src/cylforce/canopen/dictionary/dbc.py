@@ -42,10 +42,12 @@ class DbcSignal(NamedTuple):
     start: position of its lowest bit
     length: [bits]
     signed: whether the raw value is signed
-    scale, offset: value = raw * scale + offset, in `unit`
+    scale: factor of value = raw * scale + offset, in `unit`
+    offset: offset of the value, in `unit`
     unit: unit of the value
     words: names of raw values
-    low, high: least and greatest value; both 0: not limited
+    low: least value; 0 with `high` 0: not limited
+    high: greatest value
     """
 
     name: str

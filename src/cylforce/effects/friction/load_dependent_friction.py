@@ -31,7 +31,7 @@ class LoadDependentFriction:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From friction in proportion to the load to one that saturates at 50 kN."""
+        """Range of `easing`: from friction in proportion to the load to one that saturates at 50 kN."""
         return (ShapeRange("easing", 0.0, 2e-5, log=True, shift=2e-6),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

@@ -38,7 +38,7 @@ class ReturnLineLoss:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From laminar flow to an orifice."""
+        """Range of `power`: from laminar flow to an orifice."""
         return (ShapeRange("power", 1.0, 2.0),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

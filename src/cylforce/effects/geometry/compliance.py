@@ -34,7 +34,7 @@ class Compliance:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From a spring to joints that stiffen at 10 kN m."""
+        """Range of `stiffening`: from a linear spring to joints that stiffen at 10 kN m."""
         return (ShapeRange("stiffening", 0.0, 1e-4, log=True, shift=2e-6),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

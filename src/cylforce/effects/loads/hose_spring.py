@@ -42,7 +42,7 @@ class HoseSpring:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """Anywhere in the range of the joint."""
+        """Range of `rest`: anywhere in the range of the joint."""
         return (ShapeRange("rest", 0.0, 1.0),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:

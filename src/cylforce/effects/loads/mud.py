@@ -35,7 +35,7 @@ class Mud:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From even growth to places that are filled within a minute."""
+        """Range of `slowing`: from even growth to deposits that are complete within a minute."""
         return (ShapeRange("slowing", 0.0, 1.0 / 60.0, log=True, shift=1.0 / 2000.0),)
 
     @property

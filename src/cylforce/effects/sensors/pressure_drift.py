@@ -31,7 +31,7 @@ class PressureDrift:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From a drift that goes on to a sensor that is warm within 20 s."""
+        """Range of `fading`: from a constant drift to a sensor that is warm within 20 s."""
         return (ShapeRange("fading", 0.0, 1.0 / 20.0, log=True, shift=1.0 / 2000.0),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

@@ -42,7 +42,7 @@ class PressureSensorHysteresis:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """Of a diaphragm: 3 to 100 bar. A play has none."""
+        """Range of `opening` for a diaphragm: 3 to 100 bar; a play has none."""
         return (ShapeRange("opening", 3e5, 100e5, log=True),) if self.opening else ()
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

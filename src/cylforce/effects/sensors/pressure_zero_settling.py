@@ -32,7 +32,7 @@ class PressureZeroSettling:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """A diaphragm in oil takes 20 s, a valve block an hour."""
+        """Range of `settling`: a diaphragm in oil takes 20 s, a valve block an hour."""
         return (ShapeRange("settling", 20.0, 3600.0, log=True),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

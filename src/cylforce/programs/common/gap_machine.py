@@ -145,7 +145,7 @@ def _identified_machine(
     if found is not None:
         known = set(found.layout.proposals)
         return Known(with_proposals(found, [p for p in each if p not in known]), identified=True)
-    # Laws that the identification did not use are no part of what it left unexplained.
+    # The noise floor is the residual with the identification's own laws: the model has no others.
     regressors = Regressors(Model(service.machine, service.filters, tares.friction), tares.values)
     noise, rng = usual_noise(service.machine, field), np.random.default_rng(SEED)
     machine = identified(regressors, each, tares.covariance, tares.row_error, field, noise, rng)

@@ -9,7 +9,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from cylforce.signals.events import Event
 
-Watch = Callable[[str, float | None], None]  # what is being done; its share done (0..1), None where nobody knows
+Watch = Callable[[str, float | None], None]  # name of the task; its completed share (0..1), None where unknown
 
 EVERY = 5000  # events
 HEAD_BYTES = 1 << 16

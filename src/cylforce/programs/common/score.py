@@ -11,7 +11,7 @@ from cylforce.signals.estimate import Array, Booking, Estimate
 from cylforce.signals.units import STANDARD_GRAVITY
 from cylforce.simulation.trajectory import Phase
 
-SMALLEST_FORCE = 10e3  # N: below it a relative error says nothing
+SMALLEST_FORCE = 10e3  # N: below it a relative error has no meaning
 
 
 class CycleScore(NamedTuple):

@@ -18,7 +18,7 @@ from cylforce.settings.error import SettingsError
 from cylforce.settings.machine_file import Loaded
 
 FLUSH_S = 10.0  # after which the results so far can be read
-ABSOLUTE_S = 946_684_800.0  # 2000-01-01: a clock that says less counts from the start of the recording
+ABSOLUTE_S = 946_684_800.0  # 2000-01-01: a clock with an earlier time counts from the start of the recording
 
 
 class Gathered(NamedTuple):

@@ -23,7 +23,7 @@ from cylforce.programs.fleet.task import FAILED, WORK, Booked
 from cylforce.programs.fleet.words import told
 from cylforce.programs.fleet.workers import Say, Where
 
-MOST_TOLD = 20  # recordings that are told on the terminal; all are in the table
+MOST_TOLD = 20  # recordings that are reported on the terminal; all are in the table
 
 
 class Wanted(NamedTuple):

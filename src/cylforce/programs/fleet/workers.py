@@ -27,7 +27,7 @@ AHEAD = 8  # tasks given to each worker: so many results at most are lost when t
 ENDED = "the scheduler ended, or the connection to it: what was done is kept; start it, and run again"
 FEW = 2  # tasks, up to which no process is started for them
 
-Take = Callable[[Any, Any], None]  # a job, and what came out or the exception
+Take = Callable[[Any, Any], None]  # a job, and its result or exception
 Say = Callable[[str], None]
 
 
@@ -73,7 +73,7 @@ def _distributed(client: Any, function: Callable[..., Any], jobs: Jobs, common: 
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
-    # Results of tasks, not scattered: what is lost with a worker that ends is made again.
+    # Results of tasks, not scattered: those lost with a worker that ends are computed again.
     shared = [client.submit(_same, each, pure=False) for each in common]
     waiting, job_of = iter(jobs), {}
 

@@ -41,9 +41,9 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.settings.seal import user
 from cylforce.signals.estimate import Booking, is_new
 
-OFTEN = 10  # steps between two looks at the writing thread
+OFTEN = 10  # steps between two checks of the writing thread
 AUDIT_MOST, AUDIT_US = 20, 60_000_000  # audit entries that SDO clients cause, and in which time; chosen
-SAME_LOAD = 0.02  # share by which the weight of a load that hangs may change without being kept anew; chosen
+SAME_LOAD = 0.02  # share by which the weight of a carried load may change without being written again; chosen
 
 
 class Ledger:

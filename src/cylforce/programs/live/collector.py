@@ -23,8 +23,8 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Event, Frame, Tick
 
-PATIENCE_S = 3.0  # without a complete sample, after which the picture says so
-STILL_S = 30.0  # without motion, after which the picture says so
+PATIENCE_S = 3.0  # without a complete sample, after which the picture reports it
+STILL_S = 30.0  # without motion, after which the picture reports it
 THOUGHT_S = 0.5  # of samples that are passed to the guidance at once
 
 

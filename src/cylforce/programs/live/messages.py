@@ -14,7 +14,7 @@ from typing import TextIO, cast
 import structlog
 
 ROOM = 1000  # lines that wait at most; chosen: ten seconds of a line at every step
-LAST_S = 0.5  # for what still waits at the end; chosen: shorter than a watchdog's second
+LAST_S = 0.5  # for lines that still wait at the end; chosen: shorter than a watchdog's second
 
 
 class Messages:

@@ -46,7 +46,7 @@ def read_anew(loaded: Loaded, identified: Path) -> Parameters:
     check_ordinary(identified)
     begun = file_sha256(identified)
     core = make_core(loaded, identified, warnings.append)
-    core.begin()  # what is computed once is computed here, beside the loop
+    core.begin()  # computations made once are made here, beside the loop
     found = Parameters(
         core, file_sha256(identified), sealed_as(identified), tuple(warnings), from_elsewhere(identified)
     )

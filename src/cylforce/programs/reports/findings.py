@@ -25,7 +25,7 @@ from cylforce.programs.reports.advice import (
 )
 from cylforce.programs.reports.evidence import Drawn
 
-EXPLAINED = 0.99  # of a joint's torque: what machines in order exceed (tools/studies/unexplained.py)
+EXPLAINED = 0.99  # of a joint's torque: healthy machines exceed it (tools/studies/unexplained.py)
 MOST_LIMITS = 8
 
 
@@ -190,7 +190,7 @@ def _limits(found: Identification, expected: Expected) -> tuple[tuple[str, float
 def _rows(found: Identification, shown: Drawn, grid: PostureGrid) -> tuple[Row, ...]:
     """Return the residual of each joint's torque."""
     machine = found.model.machine
-    arms = machine.tool_point(grid.theta).gradient.imag  # what a weight at the tool does to each joint
+    arms = machine.tool_point(grid.theta).gradient.imag  # torque of a weight at the tool at each joint, per newton
     mass = found.tares.row_error / (9.81 * np.median(np.abs(arms[..., machine.rows]), axis=(0, 1)))
     largest = np.max(np.abs(shown.points.measured), axis=0, initial=0.0, where=np.isfinite(shown.points.measured))
     names = (machine.links[j].name for j in machine.rows)

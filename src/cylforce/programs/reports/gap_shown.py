@@ -25,10 +25,11 @@ SEED = 1  # of the bootstrap of a closure, which is not drawn
 class Heat:
     """Residual [N m, rms] of R joints in G regimes.
 
-    joints:        names (R)
-    regimes:       names (G)
-    before, after: (R, G) with no effect, and with the named effects simulated
-    healthy:       (R, G) of a healthy machine
+    joints:  names (R)
+    regimes: names (G)
+    before:  (R, G) with no effect
+    after:   (R, G) with the named effects simulated
+    healthy: (R, G) of a healthy machine
     """
 
     joints: tuple[str, ...]

@@ -13,7 +13,7 @@ from cylforce.programs.reports.units import interval, shown
 from cylforce.programs.wording.fault_words import fault, place
 from cylforce.signals.kinds import Kind
 
-FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # numbers of an effect's form that say something, with SI unit
+FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # shape parameters with a meaning for the reader, with SI unit
 LEAST_TOLD = 0.01  # probability of a rival that is listed
 
 

@@ -29,7 +29,7 @@ MUCH_S = 6.0  # seconds from which on a cell has the darkest colour
 CLASSES = (0.0, 0.25, 0.5, 1.0, 2.0, 5.0, 100.0)  # per cent of the rated payload
 COLOURS = ("#1a7a3c", "#5fae6e", "#b9dcae", "#f4d58d", "#e8915b", "#b5342c")
 NEVER = "#f6d9d5"
-WIDE = 4.0  # of the data sheet's tolerances: what lies farther out stands at the edge
+WIDE = 4.0  # of the data sheet's tolerances: values farther out are drawn at the edge
 
 
 def covered(machine: Machine, shown: Drawn) -> Figure:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cylforce.programs.reports.drawing import style, svg
 
-Wanted = dict[str, tuple[Callable[[], Figure], str]]  # figures by name: how to draw them, what they show in words
+Wanted = dict[str, tuple[Callable[[], Figure], str]]  # figures by name: function that draws them, description in words
 
 
 def rendered(name: str, **values: Any) -> str:  # noqa: ANN401 - any value that the template names

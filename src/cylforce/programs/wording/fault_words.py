@@ -8,8 +8,8 @@ from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.kinds import Kind, Signal
 
-WORKING_SPEED = 0.1  # m/s, at which a friction that grows with speed is told: a cylinder at work; convention
-WORKING_TORQUE = 1e5  # N m, at which a bend is told; convention
+WORKING_SPEED = 0.1  # m/s, at which friction that grows with speed is reported: a cylinder that digs; convention
+WORKING_TORQUE = 1e5  # N m, at which a bend is reported; convention
 SENSORS = {
     Kind.HEAD_PRESSURE: "the head-side pressure sensor of the {} cylinder",
     Kind.ROD_PRESSURE: "the rod-side pressure sensor of the {} cylinder",
@@ -93,7 +93,7 @@ WORDS: dict[str, Words] = {
     NO_GAP[0]: Words("nothing: the machine is in order"),
     UNKNOWN[0]: Words("something that is none of the known faults"),
 }
-# SI unit of a size: the unit that is told, and what of it makes one SI unit.
+# SI unit of a size: the reported unit, and its number in one SI unit.
 TOLD: dict[str, tuple[str, float]] = {
     "N": ("N", 1.0),
     "N s/m": (f"N at {WORKING_SPEED:g} m/s", WORKING_SPEED),
@@ -160,7 +160,7 @@ def amount(machine: Machine, effect: dict[str, Any], than: str = BEFORE) -> str:
     than: the machine that it is compared with
     """
     size, unit = effect["parameters"]["size"], effect["parameters"]["size"]["unit"]
-    if effect["name"] in SILENT or "sensors" in effect:  # of clocks, it is said when they are how far apart
+    if effect["name"] in SILENT or "sensors" in effect:  # clocks have sentences of their own
         return ""
     told, factor = _told(machine, effect, unit)
     value, low, high = (size[key] * factor for key in ("value", "low", "high"))

@@ -34,7 +34,7 @@ def parameter(name: str) -> str:
 
 # Words for a parameter of a link that is too large and too small.
 WEIGHT = {"X": ("too heavy", "too light"), "J": ("too inert", "too little inert")}
-SMALLEST_BASE = 0.05  # of the larger value: below, a change in per cent says nothing
+SMALLEST_BASE = 0.05  # of the larger value: below, a change in per cent has no meaning
 
 
 def parameter_error(name: str, unit: str, model: float, machine: float) -> str:

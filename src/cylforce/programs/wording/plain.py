@@ -9,8 +9,8 @@ from cylforce.mechanics.machine import Machine
 from cylforce.programs.wording.fault_words import BEFORE, THAN, amount, fault, number
 from cylforce.programs.wording.parameter_words import parameter_error
 
-MOST = 0.6  # of a joint's difference, from which on a sentence says when it shows; as for shapes
-MOST_WHEN = 2  # circumstances that are told
+MOST = 0.6  # of a joint's difference, from which on a sentence has its circumstances; as for shapes
+MOST_WHEN = 2  # circumstances in a sentence, at most
 WITHOUT_SAYING = ("empty", "loaded")  # all of it is in one of them where the other was not recorded
 WHEN = {
     "extending": "while its cylinder extends",
@@ -32,8 +32,8 @@ SHAPES = {
     "moments": "it comes for moments only",
 }
 SURE = ((0.95, "Almost certainly"), (0.8, "Very probably"), (0.5, "Probably"), (0.0, "Possibly"))  # convention
-MOST_OF = 0.9  # of a recording: where less was examined, a line says so
-LEAST = 0.01  # probability of a rival that is told
+MOST_OF = 0.9  # of a recording: if less was examined, a line reports it
+LEAST = 0.01  # least probability of a rival in the answer
 NEXT = "Do next"
 Lines = tuple[str, ...]
 
@@ -111,13 +111,13 @@ UNLIKE = (
     "These recordings do not suffice: they differ from {normal}, but so may a machine in order that moves otherwise "
     "than in {known}"
 )
-KNOWN_BY = {  # what a recording is compared with, and where that was recorded
+KNOWN_BY = {  # sources of the healthy machine in words
     "references": {"normal": "the references", "known": "its references"},
     "simulation": {"normal": "the simulation", "known": "the simulated recordings"},
     "identification": {"normal": "the identified model", "known": "the recordings of its identification"},
 }
 UNDECIDED = "Something is wrong{there}; which fault it is cannot be said yet{shape}"
-SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault whose size could be told
+SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault with a size
 
 
 def headline(machine: Machine, answer: dict[str, Any]) -> str:

@@ -19,7 +19,8 @@ class Figure(NamedTuple):
     key: key as in the machine file, if the file has it
     words: its meaning, with its unit
     typical: typical value; None: it follows from other figures
-    low, high: limits of the value, or of both ends of a range
+    low: lower limit of the value, or of both ends of a range
+    high: upper limit of the value, or of both ends of a range
     shape: str, int, float, or tuple for a range
     """
 
