@@ -45,7 +45,7 @@ class Client:
 
     All transfers raise AbortedError, or NoAnswerError after the time limit without an answer. Several tasks may call
     them at once and then take turns. The time limit is counted in short intervals, so that it does not run while this
-    program itself cannot run: an answer that waits in the socket is still processed.
+    program itself cannot run. An answer that waits in the socket is then still processed.
 
     network: network on which the node is
     node_id: number of the node

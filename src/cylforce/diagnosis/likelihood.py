@@ -645,7 +645,7 @@ def free_stretches(
 def _carried_on(found: list[FreeStretch], usable: Mask, tilt: Array, settle: int) -> list[FreeStretch]:
     """Return the stretches with `carried_on` set where the load is that of the stretch before.
 
-    The gap between both is shorter than the filters' memory, and in it the bucket's tilt stays nearer to that at which
+    The gap between both is shorter than the filters' memory. In the gap the bucket's tilt stays nearer to that at which
     the load was lifted than to that at which it is emptied.
     """
     carried, first = [False] * len(found), 0

@@ -664,8 +664,8 @@ def identified(
 ) -> HealthyMachine:
     """Return the healthy machine of an identification without statistics of its recordings.
 
-    The noise floor has the rms of the identification's residual and the colour of the sensors' noise, filtered as the
-    field recording: a fit to the field recording would whiten the fault away.
+    The noise floor has the rms of the identification's residual. Its colour is that of the sensors' noise, filtered as
+    the field recording: a fit to the field recording would whiten the fault away.
     covariance:  (P, P) of the parameters
     unexplained: (R,) residual torque [N m, rms]
     """

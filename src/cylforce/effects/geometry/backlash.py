@@ -19,8 +19,8 @@ class Backlash:
     The sign is the side to which weight and inertia of the outer links press. Where that torque changes its sign, the
     joint moves to the other side as fast as the torque accelerates the inertia, and stays (no rebound). Where it never
     does, play is an offset of the angle, and no effect of its own. With `pushed` the play is between the joint and its
-    cylinder, whose friction lies on the far side: the angle jumps where the torque of the measured forces changes its
-    sign.
+    cylinder, whose friction lies on the far side. The angle then jumps where the torque of the measured forces changes
+    its sign.
     """
 
     falling: float = 0.015  # rad, play from which the time of the fall is computed: it grows with the square root only

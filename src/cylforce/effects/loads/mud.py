@@ -13,8 +13,11 @@ USUAL = 600.0  # s after which the mass is told
 
 @dataclass(frozen=True, slots=True)
 class Mud:
-    """Mud on a link, none at the start of the recording and `size` [kg] after ten minutes: growing evenly, or, with
-    `slowing`, ever more slowly as the places where it sticks are filled, 1 - exp(-slowing t)."""
+    """Mud on a link: no mass at the start of the recording and `size` [kg] after ten minutes.
+
+    It grows evenly, or, with `slowing`, as 1 - exp(-slowing t): ever more slowly as the recesses in which it stays fill
+    up.
+    """
 
     slowing: float = 0.0  # 1/s, inverse of the time in which the places are filled; 0: it grows evenly
 

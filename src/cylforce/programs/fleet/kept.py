@@ -1,7 +1,7 @@
 """Results of earlier runs, one file each in the user's cache folder.
 
 A second run computes only new results, and a run that was killed continues. A file that is broken is ignored. A file is
-a line of JSON (facts, names and shapes of the arrays, their checksum), then the arrays as in memory: a thousand of them
+a line of JSON (facts, names and shapes of the arrays, their checksum), then the arrays as in memory. A thousand of them
 are read in a fraction of a second.
 """
 

@@ -83,8 +83,8 @@ STEPS = ("cycle", "phase")  # columns that are not interpolated
 class SensorNodes:
     """Sensors of a machine file on a bus.
 
-    They process frames and the time, send frames by `send`, and write rows of truth: one per SYNC, or where no sensor
-    uses SYNC, one per period of the service.
+    They process frames and the time, and send frames by `send`. They write rows of truth: one per SYNC, or where no
+    sensor uses SYNC, one per period of the service.
     """
 
     def __init__(self, play: Play, send: Send, truth: TruthWriter | None, stage: MovingStage) -> None:
