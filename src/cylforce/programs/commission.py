@@ -131,7 +131,7 @@ def _writer(loaded: Loaded, order: Order, path: Path) -> LogWriter:
 def _collected(loaded: Loaded, guide: Guide, order: Order, console: Console) -> View:
     """Return the last view of the guidance: enough motion, or interrupted.
 
-    Raises an error when the recording is refused or given up.
+    Raises ValueError when the recording is refused, or an error when it is given up.
     """
     bus = open_shared_bus(order.bus)
     try:

@@ -67,7 +67,7 @@ def _residuals(found: Diagnosed) -> dict[str, Array]:
 
 
 def _answer_text(found: Diagnosed) -> str:
-    """Return the answer as JSON text; values that are not finite are null."""
+    """Return the answer as JSON text; values that are not finite (NaN) are null."""
     finite = json.loads(json.dumps(found.answer, default=float), parse_constant=lambda _: None)
     return json.dumps(finite, indent=1, allow_nan=False) + "\n"
 

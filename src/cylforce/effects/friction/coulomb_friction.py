@@ -11,7 +11,7 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class CoulombFriction:
-    """Dry friction of a cylinder: force f sgn(v). As a fault f is the difference from the model."""
+    """Dry friction of a cylinder: force f sgn(v). As a fault f is the difference from the model, larger for f > 0."""
 
     depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
 
