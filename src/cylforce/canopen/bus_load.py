@@ -30,7 +30,7 @@ class Traffic(NamedTuple):
 
 
 def longest_frame(data_bytes: int) -> int:
-    """Return the bits of the longest frame with an 11-bit identifier and a number of data bytes.
+    """Return the number of bits of the longest frame with an 11-bit identifier and `data_bytes` bytes of data.
 
     8 n + g + 13 + floor((g + 8 n - 1)/4), g = 34, with the most possible stuff bits and the pause of 3 bits behind the
     frame (Davis, Burns, Bril, Lukkien: Controller Area Network (CAN) schedulability analysis, Real-Time Systems 35,
@@ -43,7 +43,7 @@ def longest_frame(data_bytes: int) -> int:
 def traffic(service: Service) -> Iterator[Traffic]:
     """Yield the cyclic traffic on the bus while the service runs.
 
-    SDO transfers are left out: there are few after the start.
+    SDO transfers are excluded: there are few after the start.
     """
     if service.sync_producer:
         yield Traffic("SYNC", 0x80, 0, service.filters.rate_hz)

@@ -80,8 +80,8 @@ def vehicle_weight(estimate: Estimate) -> bytes:
 def error_and_force(estimate: Estimate) -> bytes:
     """Return the data of PGN 65280.
 
-    These are the standard error of the load [0.1 kg], magnitude [10 N] and direction [0.01 deg, from -180] of the soil
-    force, and the qualities of load and force.
+    It contains the standard error of the load [0.1 kg], the soil force's magnitude [10 N] and direction [0.01 deg, from
+    -180], and the qualities of load and force.
     """
     magnitude, direction = estimate.soil.magnitude, estimate.soil.direction
     turned = _digits(direction.value, ANGLE, HALF_TURN)
@@ -93,7 +93,7 @@ def totals(truck: float, lifetime: float | None) -> tuple[bytes, ...]:
     """Return the data of PGN 51968, a message for each DDI; a negative total is sent as 0.
 
     truck: mass in the open truck [kg]
-    lifetime: all that was ever loaded [kg]; None: not known, nothing is sent
+    lifetime: mass of all loads ever [kg]; None: unknown, nothing is sent
     """
     known = {LOADED: truck, UNLOADED: truck}
     if lifetime is not None:

@@ -60,7 +60,7 @@ def _nobody(node_id: int, state: int | None) -> None:
 
 
 def ignore_write(index: int, sub: int, before: bytes, after: bytes) -> None:
-    """Ignore what SDO clients change."""
+    """Ignore changes by SDO clients."""
 
 
 def _no_network(can_id: int, data: bytes) -> bool:  # noqa: ARG001  # as every way to send
@@ -176,7 +176,7 @@ class Node(Objects):
             self._watch()
 
     def write(self, index: int, sub: int, data: bytes) -> None:
-        """Store what an SDO client has written, if it is allowed. Raises SdoAbortedError.
+        """Store a value that an SDO client has written, if it is allowed. Raises SdoAbortedError.
 
         Protected objects must pass `Access.check`, PDO parameters `Tpdo.check`. 0 written to 1003h clears the list of
         errors, which takes no other value.

@@ -44,8 +44,8 @@ class Client:
     """Client of the default SDO of one node. Close it when it is no longer needed.
 
     All transfers raise AbortedError, or NoAnswerError after the time limit without an answer. Several tasks may call
-    them at once and then take turns. The time limit is counted in parts, so that it does not run while this program
-    itself cannot run: an answer that waits in the socket meanwhile is still processed.
+    them at once and then take turns. The time limit is counted in short intervals, so that it does not run while this
+    program itself cannot run. An answer that waits in the socket is then still processed.
 
     network: network on which the node is
     node_id: number of the node
@@ -162,5 +162,5 @@ class Client:
             self._answers.put_nowait(bytes(data))
 
     def _abort(self, index: int, sub: int, code: int) -> None:
-        """Tell the server that a transfer is aborted."""
+        """Send the server an abort of a transfer."""
         self._network.send(0x600 + self._node_id, _HEAD.pack(0x80, index, sub) + pack("<I", code))

@@ -1,4 +1,4 @@
-"""canopen's SDO server for clients that may be faulty: every request is answered, and a transfer's memory is
+"""canopen's SDO server for clients with errors: every request is answered, and a transfer's memory is
 limited.
 """
 

@@ -1,5 +1,5 @@
 """Commissioning of a new machine: guidance of the operator, identification of the empty machine, lift of a known
 weight.
 
-Work here on what a recording must contain, on its acceptance or refusal, and on the identified parameters.
+Work here on the required content of a recording, on its acceptance or refusal, and on the identified parameters.
 """

@@ -61,13 +61,13 @@ class CommonScale(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Return the factor in words, with the likely mistake and what to check."""
+        """Return the factor in words, with the likely mistake and the check for it."""
         known = f" ({self._mistake})" if self._mistake else ""
         return f"{_rounded(self.factor)} times as large as the data sheet's masses need{known}: check {CHECKED}"
 
     @property
     def sentence(self) -> str:
-        """Return the sentence that says what is wrong and what to do."""
+        """Return a sentence with the error and its cure."""
         right = "if these are right, correct masses and tolerances in the machine file"
         return f"all pressures are about {self.words}; {right}"
 

@@ -1,4 +1,4 @@
-"""Coverage: how long each joint moved in each part of its range, by direction and pace, and what is still missing."""
+"""Coverage: time that each joint moved in each bin of its range, by direction and pace, and the missing motion."""
 
 from enum import IntEnum
 from itertools import pairwise
@@ -54,7 +54,8 @@ class Missing(NamedTuple):
     """Motion that is still missing.
 
     joint: number of the joint
-    low, high: range of its angle of `drive` [rad]
+    low: least angle of `drive` of the bin [rad]
+    high: greatest angle of `drive` of the bin [rad]
     way: direction of its cylinder
     pace: slow or fast
     seconds: recorded time [s]
@@ -104,8 +105,7 @@ def _mover(machine: Machine, j: int) -> int:
 def coverage(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
     """Return the time of motion (M, BINS, 2, 2) [s] per joint, bin of its angle, direction and pace of its cylinder.
 
-    The coverage of a recording is the sum of the coverages of its parts. Angles beyond the range count in the outermost
-    bin.
+    The coverage of a recording is the sum over its pieces. Angles beyond the range count in the outermost bin.
 
     posture: (T, N) angles of `drive` [rad]
     speed: (T, C) cylinder speeds [m/s]

@@ -114,7 +114,7 @@ def _wrong_bore(model: Model, row: int, area: Explanation) -> Suspicion:
 
 
 def _in_contact(whole: Factors, contacts: Contact, rate_hz: float) -> str:
-    """Return the sentence about contact: how long, and with what force."""
+    """Return the sentence about contact, with its duration and force."""
     blocks = contacts.certain | contacts.disturbed
     seconds = float(np.sum(np.max(whole.samples, axis=1)[blocks])) / rate_hz
     size = 1e-3 * float(np.max(contacts.force[contacts.certain], initial=0.0))
@@ -223,7 +223,7 @@ def with_load(model: Model, data: Factors) -> tuple[Factors, Prior]:
 
 
 def area_errors(model: Model, data: Factors, noise: Array, fit: Fit) -> list[Explanation]:
-    """Return per measured torque by what share it is larger than the masses require that the other rows measure.
+    """Return the share by which each measured torque exceeds that of the masses measured by the other rows.
 
     By that share the true piston area is smaller than in the machine file.
 

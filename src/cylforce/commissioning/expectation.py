@@ -29,7 +29,7 @@ class Expected(NamedTuple):
     """Expected accuracy of a weight at postures (...).
 
     standard_error: (...) of the weight [kg]; NaN where weighing is impossible
-    noise: (...) part of it that decreases with longer weighing [kg]
+    noise: (...) contribution to it that decreases with longer weighing [kg]
     gain: (..., P) change of the weight [kg] per unit of each tare
     """
 
@@ -90,9 +90,9 @@ def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
 
 
 def cost(tares: Tares, expected: Expected) -> Array:
-    """Return the part (P,) [kg] of the weight's standard error that each tare causes; median over the postures.
+    """Return the contribution (P,) [kg] of each tare to the weight's standard error; median over the postures.
 
-    It is the root of the variance that would disappear if this tare were known exactly, correlations included.
+    It is the root of the variance that would disappear if this tare were exact, correlations included.
     """
     weighable = np.isfinite(expected.standard_error)
     part = expected.gain[weighable] @ tares.covariance / np.sqrt(np.diag(tares.covariance))

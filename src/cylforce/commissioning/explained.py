@@ -1,4 +1,4 @@
-"""How much of each joint's torque the identified parameters explain, and how far they are from the data sheet.
+"""Share of each joint's torque that the identified parameters explain, and their distance from the data sheet.
 
 Torque that is unexplained, or explained by implausible parameters, comes from a wrong machine file or a wrong
 connection. The limits come from `tools/studies/unexplained.py`.
@@ -63,7 +63,7 @@ def quality(model: Model, fitted: Factors, values: Array, covariance: Array) -> 
 def explained(model: Model, fitted: Factors, values: Array) -> Array:
     """Return the share of each measured joint's torque (R,) that parameters explain.
 
-    1 - (squared residuals) / (squares of the torque about its mean): 1 is all, 0 is what a constant torque explains,
+    1 - (squared residuals) / (squares of the torque about its mean): 1 is all, 0 is the share of a constant torque,
     NaN where no row was fitted.
 
     fitted: factors of the recording
@@ -94,9 +94,9 @@ def unseen(model: Model, fitted: Factors) -> tuple[bool, ...]:
 def criterion(model: Model, fitted: Factors, squares: Array, values: Array, added: int) -> float:
     """Return the Bayesian information criterion of an explanation; the smaller, the better.
 
-    It is n ln(unexplained share of a joint's squared torque), summed over the joints, plus added ln(n), plus the
-    squared distance of the masses from the data sheet in its variances (Schwarz 1978, doi:10.1214/aos/1176344136). n
-    counts independent samples, of which CORRELATED consecutive samples make one.
+    It is n ln(unexplained share of a joint's squared torque), summed over the joints, plus added ln(n) (Schwarz 1978,
+    doi:10.1214/aos/1176344136), plus the squared distance of the masses from the data sheet in its variances. n is the
+    number of independent samples: CORRELATED consecutive samples count as one.
 
     fitted: factors of the recording
     squares: (R,) sum of the squared residuals [N^2 m^2]

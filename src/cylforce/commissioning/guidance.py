@@ -1,8 +1,8 @@
 """Guidance through the commissioning of the empty machine: samples in, advice out.
 
-The advice contains what is missing, what to do next, how accurate a weight would be, why the recording is refused, and
-whether it is sufficient. The guidance reads no clock and no file: it follows a recording in the same way as a live
-machine.
+The advice contains missing motion, the next instruction, the expected error of a weight, the reason of a refusal, and
+whether the recording is sufficient. The guidance reads no clock and no file: it follows a recording as it
+follows a live machine.
 """
 
 from collections.abc import Iterable, Iterator
@@ -125,7 +125,7 @@ class Guide:
 
     @cached_property
     def _places(self) -> reaches.Postures:
-        """Return the postures of all joints that the operator may be asked for."""
+        """Return the postures of all joints that may be requested of the operator."""
         return reaches.postures(self.model.machine, self.plan)
 
     @cached_property

@@ -81,7 +81,7 @@ def identify(
     model: its `friction` are the laws to choose from; laws in CERTAIN always stay
     two_steps: use the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once
     enforce: return the nearest physically consistent tares
-    refuse: look for the signatures of a load, of contact, of dead or misplaced sensors, of wrong piston areas and of a
+    refuse: check for the signatures of a load, of contact, of dead or misplaced sensors, of wrong piston areas and of a
         wrong scale of all pressures
     """
     evidence = [empty_history(model.machine)]
@@ -230,7 +230,7 @@ def _two_steps(model: Model, factors: Factors, noise: Array) -> Fit:
 
 
 def _marginal(prior: Prior, part: list[int]) -> Prior:
-    """Return the prior of a part of the parameters."""
+    """Return the prior of some of the parameters."""
     return Prior(prior.mean[part], prior.covariance[np.ix_(part, part)])
 
 
@@ -241,8 +241,8 @@ def _columns_of(model: Model, part: Model) -> list[int]:
 
 
 def _with_tool_columns(model: Model, part: Model, whole: Factors) -> Factors:
-    """Return the factors `whole` of `model` with the parameters of `part` alone; the columns of the tool remain behind
-    them.
+    """Return the factors `whole` of `model` with the parameters of `part` alone, followed by the columns of the
+    tool.
     """
     return chosen(whole, [*_columns_of(model, part), *range(len(model.parameters), whole.triangle.shape[-1] - 1)])
 
@@ -268,9 +268,9 @@ def _choose(
 
     Blocks of similar posture form a fold, so that postures are predicted which the fit did not contain. A law is added
     when it improves the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in:
-    Coulomb friction; the delay, because every sensor lags, and viscous friction would take its place with too small a
+    Coulomb friction; the delay, because every sensor lags, and viscous friction would replace it with too small a
     standard error; load-dependent friction, which the empty machine may not show but the loaded machine has; the bars
-    of linkages, which look like the links' weight on level ground, and show on a slope.
+    of linkages, which resemble the links' weight on level ground, but not on a slope.
     """
     folds = _folds(model, factors)
     laws = tuple(law for law in allowed if law in CERTAIN) or allowed[:1]
@@ -288,7 +288,7 @@ def _choose(
 def _folds(model: Model, factors: Factors) -> Array:
     """Return the number of the fold (B,) of each block.
 
-    Blocks are sorted along the direction in which the postures differ most, and divided into FOLDS equal parts.
+    Blocks are sorted along the direction in which the postures differ most, and divided into FOLDS equal groups.
     """
     posture = factors.mark[:, : model.machine.size]
     axes = np.linalg.svd(posture - posture.mean(axis=0), full_matrices=False).Vh

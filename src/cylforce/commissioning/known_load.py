@@ -57,7 +57,7 @@ def with_known_load(
 
 def _question(model: Model, tares: Tares, known_kg: float) -> tuple[str, ...]:
     """Return a warning when the known weight moves the scale farther than pressure sensors, bores and pins allow, else
-    nothing.
+    ().
 
     The limit is HEAVY standard errors of the data sheet's scale and of the measured one together.
     """
@@ -135,5 +135,5 @@ def _factors(empty: Identification, values: Array, loads: Array, known_kg: float
 
 
 def _mark(rows: Observed) -> Array:
-    """Return what is averaged over each block: posture (N) and size of the cylinder speeds (C)."""
+    """Return the quantities averaged over each block: posture (N) and size of the cylinder speeds (C)."""
     return np.concatenate([rows.posture, np.abs(rows.speed)], axis=1)

@@ -47,7 +47,7 @@ class Postures(NamedTuple):
 
 
 def postures(machine: Machine, plan: Plan) -> Postures:
-    """Return the postures that the operator may be asked for."""
+    """Return the postures that may be requested of the operator."""
     bins = np.array(list(product(range(BINS), repeat=len(plan.joints))), dtype=np.intp)
     theta = np.zeros((len(bins), machine.size))
     middles = (plan.edges[:, 1:] + plan.edges[:, :-1]) / 2.0

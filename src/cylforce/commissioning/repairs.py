@@ -116,7 +116,7 @@ def case_score(case: Case, added: int = 0) -> float:
 
 
 def typical_error(fitted: Factors) -> Array:
-    """Return the torque (R,) [N m] that a healthy machine leaves unexplained at each joint: the share TYPICAL of its
+    """Return the residual torque (R,) [N m] of each joint on a healthy machine: the share TYPICAL of its
     rms.
     """
     squares, samples = np.sum(fitted.triangle[..., -1] ** 2, axis=(0, 2)), np.sum(fitted.samples, axis=0)
@@ -173,7 +173,7 @@ def _single_pressures(machine: Machine) -> Iterator[Exchange]:
 
 
 def _mirrored(linkage: Linkage) -> Iterator[tuple[str, Linkage]]:
-    """Yield what is corrected, in words, and the linkage so corrected."""
+    """Yield corrections in words, each with the corrected linkage."""
     if not isinstance(linkage, Triangle | FourBar):
         return
     for name in (f.name for f in fields(linkage) if isinstance(getattr(linkage, f.name), tuple)):
@@ -265,12 +265,12 @@ def _searched(search: SizeSearch) -> Repair:
 
 
 def _percent(name: str) -> Callable[[float], str]:
-    """Return a function of a factor that says by how many per cent a figure becomes larger or smaller."""
+    """Return a function that words a factor as the per cent by which a figure becomes larger or smaller."""
     return lambda factor: f"{name} {100.0 * abs(factor - 1.0):.0f} % {'larger' if factor > 1.0 else 'smaller'}"
 
 
 def _degrees(name: str) -> Callable[[float], str]:
-    """Return a function of an angle [rad] that says by how many degrees a zero moves."""
+    """Return a function that words an angle [rad] as the degrees by which a zero moves."""
     return lambda angle: f"{name} moved by {np.degrees(angle):+.0f} deg"
 
 

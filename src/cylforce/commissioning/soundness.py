@@ -1,4 +1,4 @@
-"""Decide whether identified parameters may go into service: refuse or warn by what they leave unexplained, with a
+"""Decide whether identified parameters may go into service: refuse or warn by their residual, with a
 cure.
 """
 
@@ -118,7 +118,7 @@ def _cylinders(model: Model, which: Which) -> list[int]:
 def _what_to_check(model: Model, cylinders: list[int], good: tuple[Repair, ...]) -> str:
     """Return the end of a sentence about joints on which `cylinders` act.
 
-    It names the corrections with which the recording fits; without any, what to check, the likeliest first.
+    It names the corrections with which the recording fits; without any, the checks, the likeliest first.
     """
     if good:
         return f"the recording fits with {', or with '.join(repair.words for repair in good)}; check that first"

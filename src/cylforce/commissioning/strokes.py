@@ -27,7 +27,8 @@ class Stroke(NamedTuple):
     joint: number of the joint
     way: direction of its cylinder
     pace: slow or fast
-    begin, end: first and last angle of the joint [rad]
+    begin: first angle of the joint [rad]
+    end: last angle of the joint [rad]
     seconds: duration [s]
     hold: (N,) posture of the other joints [rad]
     begun: whether the stroke is under way

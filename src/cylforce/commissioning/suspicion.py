@@ -1,4 +1,4 @@
-"""All checks for which a recording of the empty machine is refused, in an order in which no error hides another.
+"""Checks for which a recording of the empty machine is refused, in an order in which no error hides another.
 
 Before a recording is refused, the suspected cause is compared with every single correction of the machine file and of
 the wiring. The refusal names the better explanation.
@@ -19,11 +19,11 @@ from cylforce.signals.estimate import Array
 
 
 def refusal_sentence(model: Model, whole: Factors, evidence: SignalHistory) -> str | None:
-    """Return one sentence that says what is wrong and what to do; None for a healthy, empty machine.
+    """Return one sentence with the fault and its cure; None for a healthy, empty machine.
 
     It detects a frozen or exchanged sensor, an inertial sensor on another axis, a wrong piston area, contact of the
-    tool, a load, a wrong scale of all pressures, and an error of the machine file when one of these is suspected. The
-    bars of a linkage are not free parameters here: their weight would explain a wrong length
+    tool, a load, and a wrong scale of all pressures. When one of these is suspected, errors of the machine file are
+    tested, too. The bars of a linkage are not free parameters here: their weight would explain a wrong length
     (tests/test_unexplained.py).
 
     whole: factors with the tool's columns last

@@ -1,4 +1,4 @@
-"""Check on raw samples whether every sensor works and is connected where the machine file says.
+"""Check on raw samples whether every sensor works and is connected as in the machine file.
 
 Signs of a fault: values that repeat although they must change, an inertial sensor on another axis, and exchanges of two
 sensors with which the recording would fit.
@@ -61,8 +61,8 @@ class SignalHistory(NamedTuple):
 class Suspicion(NamedTuple):
     """A possible cause of a misfit.
 
-    cause: in the words of the corrections that are tried (`repairs.Repair.cause`)
-    sentence: what is wrong and what to do
+    cause: name of the cause, as of a correction (`repairs.Repair.cause`)
+    sentence: fault and cure
     """
 
     cause: str
@@ -136,7 +136,7 @@ def frozen_pressure(model: Model, evidence: SignalHistory) -> str | None:
 
 
 def misplaced_inertial_sensor(model: Model, kept: Array) -> str | None:
-    """Return one sentence when the inertial sensor cannot be mounted as the machine file says, else None.
+    """Return one sentence when the inertial sensor cannot be mounted as in the machine file, else None.
 
     kept: latest samples (K, S) [SI]
     """
@@ -180,7 +180,7 @@ def _backwards(model: Model, kept: Array) -> str | None:
 
 
 def misfit(data: Factors, row_error: Array) -> float:
-    """Return the share of the torque that a fit leaves unexplained: rms over the measured torques; infinite without
+    """Return the share of the torque that a fit does not explain: rms over the measured torques; infinite without
     any.
 
     row_error: (R,) rms residual of the fit [N m]

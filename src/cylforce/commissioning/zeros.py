@@ -1,6 +1,6 @@
-"""Estimate from weighings of the empty bucket how far the residual is from white noise, and how it differs by stroke.
+"""Estimate the correlation of the residual, and its spread between strokes, from weighings of the empty bucket.
 
-Every few seconds of the commissioning weigh a bucket that is known to be empty. The weight should be zero; its error
+Every few seconds of the commissioning weigh an empty bucket. The weight should be zero; its error
 shows the model error. The residual is no white noise: friction that differs from stroke to stroke, geometry and
 linkages keep their sign for seconds. Weights of zero therefore scatter more than white noise explains. The factor
 between both is the number of consecutive samples that count as one independent sample.

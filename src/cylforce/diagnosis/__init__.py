@@ -52,11 +52,11 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True)
 class Named:
-    """A cause that is named.
+    """Cause that the diagnosis names.
 
     cause:      the effect with its magnitude
     confidence: its probability
-    share:      of what all named causes add to the torques
+    share:      its share of the torque that all named causes add
     rivals:     causes that it might be confused with
     same_as:    another name for the same change; None if there is none
     """
@@ -70,18 +70,19 @@ class Named:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything that a diagnosis says.
+    """Answer of the diagnosis.
 
     verdict:   the conclusion
     named:     the causes, the main one first
     evidence:  hypotheses and probabilities
     simulated: the gap before and after the named causes
-    spots:     where the gap is
-    shape:     of an unexplained residual
-    refit:     what a refit of the model's parameters removes
-    parameters_first: whether that comes before any effect
+    spots:     joints and regimes, sorted by their gap
+    shape:     quantity with which an unexplained residual varies
+    refit:     gap that a refit of the model's parameters removes
+    parameters_first: whether the refit comes before any effect
     refuted:   sentences on causes that are not named
-    picture:   pressures at the worst place
+    picture:   pressures at the joint with the largest gap
+    same:      the other name of each cause that has two
     """
 
     verdict: Verdict
@@ -104,7 +105,7 @@ def question_of(
     jumps: Mapping[int, float] | None = None,
     zeros: Mapping[int, Zero] | None = None,
 ) -> FieldQuestion:
-    """Return recordings beside a healthy machine.
+    """Return the question of recordings compared with a healthy machine.
 
     jumps: evidence [nats] of the number of jumps of a reading, by its signal
     zeros: readings of pressure sensors without pressure, by their signals
@@ -127,12 +128,12 @@ def diagnose(
     *,
     identified: bool = True,
 ) -> Diagnosis:
-    """Diagnose recordings of a machine beside what is known of it while it was healthy.
+    """Diagnose recordings of a machine by comparison with its healthy state.
 
     wanted:     whether an effect may be a cause
     jumps:      evidence [nats] of the number of jumps of a reading, by its signal
     zeros:      readings of pressure sensors without pressure, by their signals
-    identified: whether the parameters are surely this machine's; else other parameters compete with all effects
+    identified: whether the parameters are certainly this machine's; else a refit competes with all effects
     """
     watch("columns of every effect")
     question = question_of(machine, recordings, rng, jumps, zeros)
@@ -149,7 +150,7 @@ def diagnose(
 
 
 def with_free_parameters(question: FieldQuestion, refit: Refit) -> FieldQuestion:
-    """Return a question in which the parameters are as uncertain as the data sheet leaves them, and refitted."""
+    """Return the question with refitted parameters, as uncertain as those of the data sheet."""
     values = question.machine.values.copy()
     values[: len(refit.values)] += refit.values
     return replace(question, machine=replace(question.machine, values=values), free=True)
@@ -158,7 +159,8 @@ def with_free_parameters(question: FieldQuestion, refit: Refit) -> FieldQuestion
 def _after_refit(question: FieldQuestion, before: Diagnosis, after: Diagnosis) -> Diagnosis:
     """Return the answer that the parameters come first, with the effects that remain once they are fitted.
 
-    before, after: answers with the parameters as they are known, and free
+    before: answer with the parameters of the healthy machine
+    after:  answer with free parameters
     """
     return replace(
         after,
@@ -172,11 +174,11 @@ def _after_refit(question: FieldQuestion, before: Diagnosis, after: Diagnosis) -
 
 @dataclass(frozen=True)
 class SheetGap:
-    """The gap of a machine of which only the data sheet is known: no effect is distinguished from its parameters.
+    """Gap of a machine that has only a data sheet: effects cannot be distinguished from its parameters.
 
-    question: the recordings beside the data sheet
-    refit:    what identifying masses and friction removes
-    spots:    where the gap is
+    question: the recordings compared with the data sheet
+    refit:    gap that identified masses and friction remove
+    spots:    joints and regimes, sorted by their gap
     """
 
     question: FieldQuestion
@@ -191,7 +193,7 @@ def gap_of_sheet(
     sensor_noise: Array,
     rng: np.random.Generator,
 ) -> SheetGap:
-    """Return what recordings show of a machine that nobody identified.
+    """Return the gap between recordings and a data sheet, with its refit.
 
     sheet:    the model without friction, whose prior is the data sheet
     friction: laws that an identification would fit
@@ -209,9 +211,9 @@ def gap_of_sheet(
 
 
 def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
-    """Return the answer that costs least, with causes that their simulation does not contradict.
+    """Return the answer with the least cost whose causes are not contradicted by their simulation.
 
-    A cause that is contradicted is withdrawn, and Bayes' rule holds among the others: the next one is simulated.
+    A contradicted cause is withdrawn. Bayes' rule holds among the others: the next one is simulated.
     """
     question = found.question
     sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP
@@ -239,7 +241,10 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
 def _tried(
     evidence: HypothesisEvidence, key: Key, rng: np.random.Generator
 ) -> tuple[tuple[Cause, ...], Simulated, str]:
-    """Return the causes named with the main one, the gap with them simulated, and an objection to the main one."""
+    """Return the causes named with the main one, the gap with them simulated, and a reason against the main one.
+
+    The reason is a sentence; it is empty if there is none.
+    """
     question = evidence.found.question
     candidate = evidence.best_of(key)
     if candidate is None:
@@ -250,7 +255,7 @@ def _tried(
         simulated = Simulation(question, None).run((cause,), rng)
         objection = objection_to_magnitude(cause) or objection_to_simulation(question, (cause,), simulated)
         return (cause,), simulated, objection
-    if evidence.found.work is not None:  # contact and loads, most of that gap, are nothing that an effect removes
+    if evidence.found.work is not None:  # no effect removes contact and loads, most of that gap
         (cause, *_) = causes_of(evidence, candidate)
         return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause)
     single = _single(evidence, key, candidate)
@@ -269,13 +274,13 @@ def _tried(
 
 
 def _single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Candidate:
-    """Return the most probable hypothesis of an effect by itself; another one where it was not examined so."""
+    """Return the most probable hypothesis of an effect alone; `candidate` if there is none."""
     own = [c for c in evidence.candidates if len(c.hypothesis.forms) == 1 and c.keys == {key}]
     return max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
 
 
 def _shows(question: FieldQuestion, cause: Cause, alone: Simulated) -> bool:
-    """Return whether, with the first cause alone, the joint on which another one acts most still has a gap.
+    """Return whether the joint most affected by a cause still has a gap with the first cause alone simulated.
 
     The gap must exceed the error of the first cause's own law.
     """
@@ -287,7 +292,7 @@ def _shows(question: FieldQuestion, cause: Cause, alone: Simulated) -> bool:
 
 
 def added_torque(question: FieldQuestion, cause: Cause) -> list[Array]:
-    """Return the torques (T, R) [N m] of a cause along the recordings, by its columns."""
+    """Return the torques (T, R) [N m] that a cause adds along each recording, computed from its columns."""
     layout, proposal, found = question.machine.layout, cause.proposal, []
     refined = cause.question.refined
     for n, (seen, span) in enumerate(zip(question.seen, question.spans, strict=True)):

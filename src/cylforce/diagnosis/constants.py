@@ -1,6 +1,6 @@
-"""Every number that a decision of the diagnosis rests on, with its origin: physics, convention, a fit by a command.
+"""Constants on which the diagnosis decides, each with its origin: physics, convention, or a fit by a command.
 
-Those that it shares with the examination of readings stand in `readings/constants.py`.
+Constants shared with the examination of readings are in `readings/constants.py`.
 """
 
 # Rows and blocks.
@@ -15,11 +15,11 @@ SPILL = 0.01  # of a carried load of which a part falls out, on a healthy machin
 
 # Spread of nuisances.
 PAYLOAD = 4.0  # times 500 kg: standard deviation of an unknown payload
-CARRY_BACK = 0.05  # times 500 kg: of what sticks in an empty bucket; physics: 3 to 30 kg a cycle
+CARRY_BACK = 0.05  # times 500 kg: standard deviation of carry-back; physics: 3 to 30 kg a cycle
 # Factors from one recording to the next (fit: tools/accuracy decisions).
 DISCREPANCY_CHANGE = 2.0  # of the level of the model discrepancy
 NOISE_CHANGE = 1.4  # of the scale of the white noise
-TAIL = 0.03  # probability that a joint's residual is nothing that healthy machines show
+TAIL = 0.03  # probability that a joint's residual is unlike that of healthy machines
 
 # Run-to-run variation of a healthy machine, in least plausible magnitudes (table of the ablation in the chapter).
 STATIC_CHANGE = 0.02  # of geometry, masses, gains, scales: pins do not move from day to day; the rest is model error
@@ -36,6 +36,6 @@ DETECTABLE = 5.0  # standard errors from which on a magnitude is detectable
 FEW_BLOCKS = 0.4  # share of the blocks: contact in more of them is the machine's work
 
 # The answer.
-LEAST_CLOSURE = 0.3  # of the gap's energy: what a named cause must remove once it is simulated
+LEAST_CLOSURE = 0.3  # of the gap's energy, which a named cause must remove when it is simulated
 SAME_EVIDENCE = 3.0  # nats: two descriptions of one change that differ by less are one answer (odds of 20)
 COSTS = {"missed": 0.5, "unsaid": 0.25, "rival": 0.05, "wrong_set": 0.6}  # in units of a wrong name

@@ -1,4 +1,4 @@
-"""From hypotheses with their evidence to probabilities, and from probabilities to the answer that costs least."""
+"""Probabilities of hypotheses from their evidence, and the answer with the least expected cost."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs 
 
 
 class Verdict(StrEnum):
-    """What is concluded."""
+    """Conclusion of a diagnosis."""
 
     NO_GAP = "no_gap"
     EXPLAINED = "explained"
@@ -36,11 +36,11 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class HypothesisEvidence:
-    """The hypotheses that compete, some of them withdrawn.
+    """Competing hypotheses, some of them withdrawn.
 
     found:     everything that the search found
-    withdrawn: causes that their simulation refutes, or that are the same answer as another one
-    sure:      whether a healthy machine is excluded: the gap is larger than any healthy machine's
+    withdrawn: causes that their simulation refutes, or that repeat another answer
+    sure:      whether the gap is too large for any healthy machine
     """
 
     found: Found
@@ -49,12 +49,12 @@ class HypothesisEvidence:
 
     @cached_property
     def candidates(self) -> list[Candidate]:
-        """Hypotheses of effects that last."""
+        """Hypotheses of lasting effects that are not withdrawn."""
         return [c for c in self.found.candidates if not c.keys & self.withdrawn]
 
     @cached_property
     def incidents(self) -> list[BlockIncident | Spill]:
-        """What happens in single blocks alone."""
+        """Incidents of single blocks, without lasting effects, that are not withdrawn."""
         return [i for i in self.found.incidents if i.key not in self.withdrawn]
 
     @cached_property
@@ -65,25 +65,25 @@ class HypothesisEvidence:
         return found
 
     def without(self, c: Candidate, key: Key) -> float:
-        """Return the log of what the other effects of a hypothesis, or some of them, explain at best."""
+        """Return the largest log probability of a hypothesis of only the other effects, or some of them."""
         others = c.keys - {key}
         return max(log for some, log in self._best.items() if some <= others)
 
     def main(self, c: Candidate) -> Key:
-        """Return the effect of a hypothesis without which most is lost."""
+        """Return the main effect of a hypothesis: the one whose removal costs the most evidence."""
         return min(c.keys, key=lambda k: (self.without(c, k), k))
 
     # Prior
 
     @cached_property
     def names(self) -> int:
-        """Number of the names of effects that compete."""
+        """Number of effect names that compete."""
         names = {f.name for f in self.found.question.forms} | {i.key[0] for i in self.found.incidents}
         return len(names - {UNKNOWN[0]})
 
     @cached_property
     def _prior(self) -> dict[Key, float]:
-        """Log prior of each form by name and place: alike for all names, and for all places and forms of a name."""
+        """Log prior of each form: equal for all names, and within a name for all its locations and forms."""
         forms, found = self.found.question.forms, dict[Key, float]()
         for form in forms:
             places = len({f.at for f in forms if f.name == form.name})
@@ -105,18 +105,18 @@ class HypothesisEvidence:
         return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
 
     def only_contact(self, c: Candidate) -> bool:
-        """Return whether a hypothesis is contact in some rows, and no effect."""
+        """Return whether a hypothesis has contact in some rows, and no effect."""
         return not c.hypothesis.forms and c.beside_contact and self.found.work is None
 
     def _key_without_effect(self, c: Candidate) -> Key:
-        """Return what a hypothesis without effects stands for: a healthy machine, or one that touches the ground."""
+        """Return the answer for a hypothesis without effects: no gap, contact, or unknown."""
         contact = next((i.key for i in self.incidents if i.key[0] == CONTACT), None)
         if not self.only_contact(c) or self.gap**2 - 1.0 <= SAME_MACHINE:
             return NO_GAP
         return contact or UNKNOWN
 
     def prior_of_incident(self, i: BlockIncident | Spill) -> float:
-        """Return the log prior probability of something that happens in single blocks."""
+        """Return the log prior probability of an incident of single blocks."""
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
         return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
@@ -129,15 +129,19 @@ class HypothesisEvidence:
         return float(np.max(self.found.gaps))
 
     def explained(self, rest: float) -> float:
-        """Return the share of the gap's energy beyond the floor that goes; 1 where only a healthy residual remains."""
+        """Return the share of the gap's energy above the noise floor that is removed.
+
+        It is 1 where the remaining residual is that of a healthy machine.
+        rest: remaining residual at the worst joint, in noise floors
+        """
         gap, left = self.gap**2 - 1.0, rest**2 - 1.0
         return 1.0 - left / gap if min(gap, left) > SAME_MACHINE else 1.0
 
     @cached_property
     def strength(self) -> float:
-        """Factor that tempers all evidence, by the residual of the likeliest hypothesis.
+        """Factor that tempers all evidence, from the residual of the likeliest hypothesis.
 
-        Beside unknown loads and contact all evidence counts as model error: references do not show that kind of motion.
+        With unknown loads and contact all evidence counts as model error: references do not show that kind of motion.
         """
         if self.found.work is not None:
             return 1.0 / CORRELATED_ROWS
@@ -164,10 +168,10 @@ class HypothesisEvidence:
 
     @cached_property
     def posterior(self) -> dict[Key, float]:
-        """Probability of no gap, of every effect at its place, and of a cause that the library lacks.
+        """Posterior probability of no gap, of each effect at its location, and of a cause that the library lacks.
 
-        A hypothesis counts as unknown as far as its residual is neither a healthy one nor the error of its law, and
-        where it explains less than half of the gap.
+        Weight of a hypothesis goes to the unknown cause as far as its residual is neither a healthy one nor the error
+        of its law. All of it does if the hypothesis explains less than half of the gap.
         """
         found: dict[Key, float] = {NO_GAP: 0.0, UNKNOWN: 0.0}
         for c, weight in zip(self.candidates, self.weights[0], strict=True):
@@ -184,10 +188,10 @@ class HypothesisEvidence:
         return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
 
     def key_of(self, i: BlockIncident | Spill) -> Key:
-        """Return what an incident stands for.
+        """Return the answer for an incident.
 
         Transients whose removal does not change the residual beyond that of a healthy machine are no gap. Contact in
-        most blocks is work, and no effect of its own.
+        most blocks is the duty cycle, not an effect.
         """
         if i.before**2 - 1.0 <= SAME_MACHINE:
             return NO_GAP
@@ -196,12 +200,12 @@ class HypothesisEvidence:
 
     @property
     def first(self) -> Key:
-        """The likeliest answer."""
+        """Likeliest answer."""
         return max(self.posterior, key=lambda k: self.posterior[k])
 
     @property
     def credible(self) -> tuple[Key, ...]:
-        """The smallest set with CREDIBLE of the probability, the likeliest first."""
+        """Smallest set with CREDIBLE of the probability, the likeliest first."""
         found, mass = list[Key](), 0.0
         for key, p in sorted(self.posterior.items(), key=lambda item: -item[1]):
             found.append(key)
@@ -212,7 +216,7 @@ class HypothesisEvidence:
 
     @cached_property
     def alone(self) -> Mapping[Key, float]:
-        """Log of the most probable form of every effect by itself."""
+        """Log probability of the most probable form of each effect, as the only effect."""
         found: dict[Key, float] = {}
         for c in self.candidates:
             if len(c.hypothesis.forms) == 1 and c.incident is None:
@@ -223,13 +227,13 @@ class HypothesisEvidence:
         return found
 
     def best_of(self, key: Key) -> Candidate | None:
-        """Return the most probable hypothesis whose main effect this is."""
+        """Return the most probable hypothesis with `key` as its main effect."""
         own = [c for c in self.candidates if c.hypothesis.forms and self.main(c) == key]
         return max(own, key=lambda c: c.log + self.prior_of(c)) if own else None
 
 
 def costs(evidence: HypothesisEvidence, key: Key | None) -> dict[Verdict, float]:
-    """Return the expected cost of every answer that names a cause or none, in units of a wrong name.
+    """Return the expected cost of every answer, in units of a wrong name.
 
     key: the cause that would be named; None if there is none
     """
@@ -248,20 +252,20 @@ def costs(evidence: HypothesisEvidence, key: Key | None) -> dict[Verdict, float]
 
 
 def as_simulated(verdict: Verdict, closure: float) -> Verdict:
-    """Return the verdict once the named causes were simulated.
+    """Return the verdict after the simulation of the named causes.
 
-    closure: share of the gap's energy that goes; NaN where the gap is too small for a share
+    closure: share of the gap's energy that they remove; NaN where the gap is too small for a share
     """
     return Verdict.PARTLY if verdict is Verdict.EXPLAINED and closure < HALF else verdict
 
 
 def parameters_are_likelier(known: HypothesisEvidence, free: HypothesisEvidence) -> bool:
-    """Return whether other parameters than the references' are the likeliest explanation.
+    """Return whether parameters other than the references' are the likeliest explanation.
 
-    They compete as one more name with all hypotheses. Their prior is the data sheet's, so that many free parameters
-    cost evidence: one effect that does the same is likelier.
-    known: hypotheses with the parameters as the references show them
-    free:  hypotheses with the parameters as uncertain as the data sheet leaves them
+    They compete with all hypotheses as one more name. Their prior is the data sheet's: many free parameters cost
+    evidence, so that a single effect with the same residual is likelier.
+    known: hypotheses with the parameters from the references
+    free:  hypotheses with parameters as uncertain as the data sheet
     """
     strength = min(known.strength, free.strength)
     name = float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / known.names))  # of other parameters
@@ -285,7 +289,7 @@ SAME_CHANGE = ("extra_mass", "first_moment_change")  # an added mass moves its l
 def one_answer(evidence: HypothesisEvidence) -> tuple[HypothesisEvidence, dict[Key, Key]]:
     """Return the evidence with a mass and a first moment of one link as one answer, and the other name of each cause.
 
-    Where their evidence differs by less than SAME_EVIDENCE, the more probable one stays. Both stay where the likeliest
+    If their evidence differs by less than SAME_EVIDENCE, the more probable one stays. Both stay if the likeliest
     hypothesis has both.
     """
     same: dict[Key, Key] = {}

@@ -1,8 +1,9 @@
-"""Explanation of an answer: causes switched on in the simulated machine, how far the gap closes, where it lies, what
-shape an unexplained residual has, what a refit of the parameters removes.
+"""Explanation of an answer: named causes are simulated, and the gap that remains is described.
 
-Nothing here overwrites a decision. What the simulation of a cause contradicts is evidence for `decide`: the cause is
-withdrawn, and Bayes' rule holds among the others."""
+The description has the closure, the joints and regimes with a gap, the shape of an unexplained residual, and the
+gap that a refit of the parameters removes. Nothing here overwrites a decision: a simulation that contradicts a cause
+is evidence for `decide`, which withdraws the cause. Bayes' rule then holds among the others.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -53,9 +54,9 @@ PARTS = 8  # of a block, within which an incident counts as constant
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect that was found, as it may be named.
+    """Effect that the search found, ready to be named.
 
-    key:         name and place
+    key:         name and location
     proposal:    the effect
     question:    the recordings, corrected for it
     form:        number of its form; None of an incident
@@ -64,7 +65,7 @@ class Cause:
     course:      (W, B) its course over the blocks; NaN in the block in which a load changes
     probability: of this cause
     nats:        evidence against its absence
-    when:        its time in words; empty of what lasts
+    when:        its time in words; empty of a lasting effect
     """
 
     key: Key
@@ -80,12 +81,12 @@ class Cause:
 
     @property
     def lasts(self) -> bool:
-        """Whether it has the same sizes as long as it is present."""
+        """True where the effect has the same sizes as long as it is present."""
         return self.form is not None
 
     @property
     def interval(self) -> tuple[float, float, float]:
-        """Magnitude and the bounds of its 90 % interval; over windows the root mean square."""
+        """Magnitude with the bounds of its 90 % interval; of several windows the root mean square."""
         about = self.proposal.about
         each = self.sizes[:, : about.axes]
         if about.axes == 1 and len(self.sizes) == 1:
@@ -139,7 +140,7 @@ def _cause(
 
 
 def cause_of_incident(evidence: HypothesisEvidence, incident: BlockIncident | Spill) -> Cause:
-    """Return something that happens in single blocks, with sizes of its own in each."""
+    """Return the cause of an incident, with sizes of its own in each block or at each time."""
     if isinstance(incident, Spill):
         probability = evidence.posterior.get(incident.key, 0.0)
         nats, when = incident.log - evidence.found.healthy.log, f"{len(incident.sizes)} times"
@@ -172,9 +173,9 @@ def cause_of_incident(evidence: HypothesisEvidence, incident: BlockIncident | Sp
 
 
 def objection_to_magnitude(cause: Cause) -> str:
-    """Return what the magnitude of a cause says against it, in a sentence; empty if nothing does.
+    """Return a sentence why the magnitude excludes a cause; empty if it does not.
 
-    A magnitude at its bound stands for something else; an interval that contains zero for nothing.
+    A magnitude at its bound indicates another cause. An interval that contains zero indicates no cause.
     """
     name = "{}@{}".format(*cause.key)
     if cause.form is not None:
@@ -191,7 +192,10 @@ def objection_to_magnitude(cause: Cause) -> str:
 
 
 def blocks_of(question: FieldQuestion, causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """Return causes as blocks `[[effects]]` for the simulated machine; clocks last, because they shift all readings."""
+    """Return causes as blocks `[[effects]]` for the simulated machine.
+
+    Clocks come last, because they shift all readings.
+    """
     machine, groups = (
         question.machine.regressors.model.machine,
         tuple(p.group for p in question.machine.layout.proposals),
@@ -231,21 +235,21 @@ def _blocks_of(question: FieldQuestion, cause: Cause) -> Iterator[dict[str, Any]
 
 
 def _window(question: FieldQuestion, cause: Cause, sizes: Array, block: int) -> Iterator[dict[str, Any]]:
-    """Yield the course of a block in parts; a force at the teeth fades while the next one takes over."""
+    """Yield the course of one block in PARTS intervals; a force at the teeth fades while the next one begins."""
     regressors = question.machine.regressors
     length = BLOCK_ROWS / regressors.rows_hz
     start = float(question.times[block]) - length / 2.0 - regressors.lag
     over = RAMP / 2.0 if cause.proposal.about.place is Place.TOOL else 0.0
     within = courses((np.arange(PARTS) + 0.5) / PARTS)
     for k, part in enumerate(within.T @ sizes.reshape(SHAPES, -1)):
-        if cause.proposal.about.sign * part[0] < 0.0:  # a polynomial swings about nothing
+        if cause.proposal.about.sign * part[0] < 0.0:  # a polynomial of an impossible sign is left out
             continue
         begin, end = start + np.array([k, k + 1]) * length / PARTS
         yield {"value": part.tolist(), "from_s": max(float(begin) - over, 0.0), "until_s": float(end) + over}
 
 
 def _span(question: FieldQuestion, there: Mask) -> dict[str, float]:
-    """Return from when until when [s] a load is another one; it begins where the first block's residual says so."""
+    """Return begin and end [s] of a changed load: from the first to the last block in which it is present."""
     regressors, half = question.machine.regressors, BLOCK_ROWS / question.machine.regressors.rows_hz / 2.0
     numbers = np.flatnonzero(there)
     t = question.times[numbers]
@@ -254,11 +258,13 @@ def _span(question: FieldQuestion, there: Mask) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Simulated:
-    """A gap before and after causes are switched on in the simulated machine.
+    """Gap before and after causes are switched on in the simulated machine.
 
-    before, after: residuals (T, R) [N m] of every recording; each span with magnitudes fitted without it
-    closure:       share of the gap's energy that goes; NaN where the gap is too small for a share
-    low, high:     its 90 % interval
+    before:  residuals (T, R) [N m] of every recording without the causes
+    after:   residuals (T, R) [N m] with them; the magnitudes of each span are fitted without that span
+    closure: share of the gap's energy that is removed; NaN where the gap is too small for a share
+    low:     lower bound of its 90 % interval
+    high:    upper bound of its 90 % interval
     """
 
     before: list[Array]
@@ -275,15 +281,15 @@ class Simulated:
 
     @property
     def share(self) -> tuple[float, float, float]:
-        """Closure with its interval; NaN where that says nothing."""
+        """Closure with its interval; NaN where the interval is wider than WIDEST."""
         return (self.closure, self.low, self.high) if self.high - self.low <= WIDEST else (np.nan, np.nan, np.nan)
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """Switches causes of one hypothesis on, along the recordings of a question.
+    """Simulation of the causes of one hypothesis, along the recordings of a question.
 
-    question:  the recordings as they are
+    question:  the recordings, not corrected
     candidate: the hypothesis, with the recordings corrected for its effects; None of incidents
     """
 
@@ -291,7 +297,7 @@ class Simulation:
     candidate: Candidate | None
 
     def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
-        """Return the gap before and after causes; sizes of incidents are those of their own blocks."""
+        """Return the gap before and after causes; incidents have the sizes of their own blocks."""
         before = self._residuals((), None)
         if self.candidate is not None and self.candidate.beside_contact:
             rows = self.candidate.counted()
@@ -325,7 +331,7 @@ class Simulation:
         return np.where(on[:, None], other, one)
 
     def _residuals(self, causes: Sequence[Cause], kept: Mask | None) -> list[Array]:
-        """Return residuals (T, R) with causes of the magnitudes that some blocks (B,) determine."""
+        """Return residuals (T, R) with causes, their magnitudes fitted to the kept blocks (B,)."""
         if not causes:
             return self.question.residuals()
         sized, coefficients = self._fitted(causes, kept)
@@ -342,7 +348,7 @@ class Simulation:
             load = self._load(each.recording.name, each.recording.load_kg, coefficients)
             try:
                 rows = self.question.machine.regressors.simulated(each.recording, each.rows, effects, load)
-            except ValueError:  # more load falls out than there is: what cannot be explains nothing
+            except ValueError:  # more load is spilled than carried: an impossible cause explains nothing
                 rows = each.rows
             seen.append(replace(each, rows=rows))
         return replace(self.question, seen=tuple(seen)).residuals(coefficients)
@@ -355,7 +361,7 @@ class Simulation:
         return found
 
     def _fitted(self, causes: Sequence[Cause], kept: Mask | None) -> tuple[list[Cause], Array]:
-        """Return causes with magnitudes of some blocks, and the coefficients (K'+1,) of the residual beside them."""
+        """Return causes with magnitudes fitted to the kept blocks, and the coefficients (K'+1,) of their residual."""
         layout = self.question.machine.layout
         if self.candidate is None or any(not c.lasts for c in causes):
             return list(causes), self.question.plain
@@ -380,7 +386,7 @@ class Simulation:
             k += m
         coefficients = other.beside(more[: other.size])
         if self.question.free or self.question.machine.references == 0:
-            # Parameters that are free, or known as well as they were identified, give way to effects.
+            # Free or identified parameters are fitted together with the effects.
             coefficients = coefficients.copy()
             coefficients[: layout.first] = residual[: layout.first]
         return sized, coefficients
@@ -397,8 +403,9 @@ def closure(
 ) -> tuple[float, tuple[float, float]]:
     """Return 1 - (MSE after - floor) / (MSE before - floor), joints weighted by their floor, and its 90 % interval.
 
-    Spans of blocks (B, R) are drawn anew. The floor lies between what the fit leaves of the references and what it
-    leaves of them unseen: its draws are mixtures. NaN where the gap is below SMALL_GAP of the floor's energy.
+    The interval is a bootstrap over spans of blocks (B, R). The floor lies between the residual of references that were
+    fitted and of references that were not: its draws are mixtures of both. NaN where the gap is below SMALL_GAP of the
+    floor's energy.
     """
     unit = np.nanmean(machine.floor_unseen, axis=0)
     a, b, seen, unseen = (_in_spans(x / unit) for x in (before, after, machine.floor_seen, machine.floor_unseen))
@@ -430,10 +437,10 @@ def _in_spans(squares: Array) -> Array:
 
 
 def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], found: Simulated) -> str:
-    """Return what the simulation of causes says against them, in a sentence; empty if nothing does.
+    """Return a sentence why the simulation excludes causes; empty if it does not.
 
-    A cause must remove LEAST_CLOSURE of the gap, and may leave no joint and no weight worse than two recordings of a
-    healthy machine differ.
+    A cause must remove LEAST_CLOSURE of the gap. It must not worsen a joint or a weight by more than the difference
+    between two recordings of a healthy machine.
     """
     names = " and ".join("{}@{}".format(*cause.key) for cause in causes)
     closed = found.high if all(c.lasts for c in causes) else found.closure
@@ -459,7 +466,7 @@ def _weight_of_floor(question: FieldQuestion) -> float:
 
 
 def weight_error(question: FieldQuestion, residuals: Sequence[Array]) -> float:
-    """Return the error of a weight [kg], rms over the recordings, that residuals (T, R) [N m] make."""
+    """Return the weighing error [kg], rms over the recordings, that corresponds to residuals (T, R) [N m]."""
     names = ("load.mass", "load.X", "load.Z", "load.J")
     pairs = [(s, e) for s, e in zip(question.seen, residuals, strict=True) if np.any(np.isfinite(e))]
     each = [_incident_fit(question, s.rows.incidental, e, names)[0] for s, e in pairs] or [0.0]
@@ -467,7 +474,7 @@ def weight_error(question: FieldQuestion, residuals: Sequence[Array]) -> float:
 
 
 def force_error(question: FieldQuestion, residuals: Sequence[Array]) -> float:
-    """Return the steady force at the teeth [N] that residuals (T, R) [N m] look like, rms over blocks."""
+    """Return the steady force at the teeth [N], rms over blocks, that corresponds to residuals (T, R) [N m]."""
     each = []
     for s, e in zip(question.seen, residuals, strict=True):
         for k in range(0, len(e), BLOCK_ROWS):
@@ -480,7 +487,7 @@ def force_error(question: FieldQuestion, residuals: Sequence[Array]) -> float:
 def _incident_fit(
     question: FieldQuestion, incidental: NDArray[np.float32], residual: Array, names: Sequence[str]
 ) -> Array:
-    """Return sizes (I,) of incidental columns by least squares of a residual (T, R), joints weighted by their floor."""
+    """Return the sizes (I,) of incidental columns fitted to a residual (T, R), joints weighted by their floor."""
     columns, good = [INCIDENTAL.index(name) for name in names], np.isfinite(residual)
     unit, floor = question.machine.layout.typical[columns], question.machine.floor.rms
     x = (incidental[..., columns] * unit / floor[:, None])[good]
@@ -493,14 +500,14 @@ def _incident_fit(
 
 @dataclass(frozen=True)
 class Spot:
-    """A joint in a regime.
+    """Residual of a joint in a regime.
 
     joint:    name of the link
-    regime:   which rows
-    residual: rms there [N m]
-    healthy:  rms of a healthy machine there [N m]
-    share:    of the joint's excess energy
-    p:        probability that a healthy machine leaves as much, of twice its energy
+    regime:   name of the rows, such as "loaded"
+    residual: rms in these rows [N m]
+    healthy:  rms of a healthy machine in these rows [N m]
+    share:    share of the joint's excess energy
+    p:        probability of such a residual on a machine with ENERGY_MARGIN times the healthy energy
     found:    whether it is a discovery at a false discovery rate of 5 %
     """
 
@@ -519,7 +526,7 @@ class Spot:
 
 
 def where(question: FieldQuestion, residuals: Sequence[Array]) -> list[Spot]:
-    """Return joints by their residual over the noise floor, the largest first, and of each its regimes likewise."""
+    """Return joints and regimes, sorted by residual over noise floor, the largest first."""
     machine = question.machine
     model, spots = machine.regressors.model, []
     for r, joint in enumerate(model.machine.rows):
@@ -573,11 +580,13 @@ def _p_value(logs: Array) -> float:
 
 @dataclass(frozen=True)
 class Picture:
-    """Pressure at the worst place over time: measured, and simulated before and after the causes.
+    """Pressure over time at the joint with the largest gap: measured, and simulated before and after the causes.
 
     cylinder: its name
     t:        (T,) [s]
-    measured, before, after: (T,) head-side pressure [bar]
+    measured: (T,) head-side pressure [bar]
+    before:   (T,) head-side pressure simulated without the causes [bar]
+    after:    (T,) head-side pressure simulated with the causes [bar]
     """
 
     cylinder: str
@@ -588,7 +597,7 @@ class Picture:
 
 
 def worst_place(question: FieldQuestion, found: Simulated) -> Picture | None:
-    """Return the fifteen seconds of the largest residual over its floor; None where no cylinder moves the joint."""
+    """Return the fifteen seconds with the largest residual over its floor; None where no cylinder moves the joint."""
     machine = question.machine.regressors.model.machine
     ratio = rms(found.before) / question.machine.floor.rms
     r = int(np.argmax(ratio))
@@ -615,9 +624,9 @@ def worst_place(question: FieldQuestion, found: Simulated) -> Picture | None:
 
 
 def quantities(question: FieldQuestion, row: int) -> tuple[list[tuple[str, str, Array]], Array]:
-    """Return what a residual of a joint may be a function of: name, detail, values (T,); and its cylinder's direction.
+    """Return quantities on which a residual of a joint may depend, and the direction (T,) of its cylinder, -1..1.
 
-    The direction (T,) is -1..1.
+    Each quantity has a name, a detail and values (T,).
     """
     machine, own = question.machine.regressors.model.machine, question.machine.regressors.model.acting[row][0]
     rows = [s.rows for s in question.seen]
@@ -635,9 +644,9 @@ def quantities(question: FieldQuestion, row: int) -> tuple[list[tuple[str, str, 
 
 
 def unexplained_shape(question: FieldQuestion, residuals: Sequence[Array]) -> dict[str, Any]:
-    """Return what an unexplained residual goes with, at the joint that has most of it.
+    """Return the quantity with which an unexplained residual varies, at the joint that has most of it.
 
-    Of each quantity the share of the excess energy that a curve over it predicts on spans that it was not fitted to.
+    The share of each quantity is the excess energy that a curve over it predicts on spans that it was not fitted to.
     """
     machine, floor = question.machine.regressors.model.machine, question.machine.floor.rms
     row = int(np.argmax(rms(residuals) / floor))
@@ -661,14 +670,14 @@ def unexplained_shape(question: FieldQuestion, residuals: Sequence[Array]) -> di
 
 
 def _curve(x: Array, direction: Array) -> Array:
-    """Return columns (T, 16) of a smooth curve over x (T,), and of another one that reverses with the direction."""
+    """Return the columns (T, 16) of a smooth curve over x (T,), and of another one that reverses with the direction."""
     low, high = np.percentile(x, [1.0, 99.0])
     bends = legvander(np.clip(2.0 * (x - low) / max(high - low, 1e-9) - 1.0, -1.0, 1.0), 7)
     return np.hstack([bends, bends * direction[:, None]])
 
 
 def _predicted_energy(torque: Array, columns: Array, fold: Array) -> float:
-    """Return the mean square that columns remove from each half when they are fitted to the other."""
+    """Return the mean square that columns remove from each half when fitted to the other half."""
     rest = 0.0
     for k in (0, 1):
         if not np.any(fold == k) or not np.any(fold != k):
@@ -679,7 +688,7 @@ def _predicted_energy(torque: Array, columns: Array, fold: Array) -> float:
 
 
 def _in_few_blocks(torque: Array, floor: float) -> float:
-    """Return the mean square beyond the floor's that the worst tenth of the blocks makes."""
+    """Return the mean square above the noise floor in the worst tenth of the blocks."""
     blocks = np.array_split(torque, -(-len(torque) // BLOCK_ROWS))
     above = np.sort([float(np.nansum(b**2 - floor**2)) for b in blocks])[::-1]
     return float(np.sum(above[: -(-len(above) // 10)])) / max(int(np.sum(np.isfinite(torque))), 1)
@@ -689,9 +698,9 @@ def _in_few_blocks(torque: Array, floor: float) -> float:
 
 
 def smallest_detectable(found: Found) -> dict[Key, float]:
-    """Return the smallest detectable magnitude [SI] of every effect at its place, of the form that shows most.
+    """Return the smallest detectable magnitude [SI] of each effect at each location, of its most visible form.
 
-    It is DETECTABLE standard errors beside a healthy machine; infinite where the recordings show nothing of the effect.
+    It is DETECTABLE standard errors on a healthy machine; infinite where the recordings do not show the effect.
     """
     case, smallest = found.case, dict[Key, float]()
     state = case.state(found.healthy.hypothesis.noise)
@@ -710,12 +719,14 @@ def smallest_detectable(found: Found) -> dict[Key, float]:
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """A parameter of the model before and after a refit.
+    """Parameter of the model before and after a refit.
 
-    name, unit:    of the parameter
-    before, after: its values
-    torque:        that the change makes along the recordings [N m, rms]
-    shift:         the change in standard errors of the data sheet
+    name:   of the parameter
+    unit:   of the parameter
+    before: value before the refit
+    after:  value after it
+    torque: torque that the change adds along the recordings [N m, rms]
+    shift:  the change in standard errors of the data sheet
     """
 
     name: str
@@ -728,12 +739,13 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class Refit:
-    """The gap before and after the model's parameters are fitted to the recordings.
+    """Gap before and after the model's parameters are fitted to the recordings.
 
-    before, after: (R,) residual torque [N m, rms]
-    share:         of the gap's energy beyond the noise floor that goes; of a data sheet of the whole energy
-    changes:       the parameters, the one that makes most torque first
-    values:        (F,) changes of the parameters and of the bars of linkages, in SI units
+    before:  (R,) residual torque before the fit [N m, rms]
+    after:   (R,) residual torque after it [N m, rms]
+    share:   share of the gap's energy above the noise floor that the fit removes; of a data sheet of the whole energy
+    changes: the parameters, the one with the most torque first
+    values:  (F,) changes of the parameters and of the bars of linkages, in SI units
     """
 
     before: Array
@@ -744,7 +756,7 @@ class Refit:
 
 
 def refitted(question: FieldQuestion) -> Refit:
-    """Return what a refit of the parameters removes of the reported residual: least squares, the prior around them."""
+    """Return the reported residual before and after a least-squares refit of the parameters, with their prior."""
     layout, machine = question.machine.layout, question.machine
     size, residuals = layout.first, question.residuals()
     rows = np.maximum(np.sum([np.sum(np.isfinite(e), axis=0) for e in residuals], axis=0), 1)
@@ -769,10 +781,10 @@ def refitted(question: FieldQuestion) -> Refit:
 
 
 def refitted_sheet(sheet: FieldQuestion, fitted: FieldQuestion) -> Refit:
-    """Return what identifying masses and friction from the recordings removes of the gap of a data sheet.
+    """Return the gap of a data sheet before and after masses and friction are identified from the recordings.
 
-    sheet:  the recordings beside the data sheet, which has no friction
-    fitted: the same recordings beside parameters that were fitted to them
+    sheet:  the recordings compared with the data sheet, which has no friction
+    fitted: the same recordings compared with parameters fitted to them
     """
     own, other = sheet.machine.regressors, fitted.machine.regressors
     names = [p.name for p in other.model.parameters]

@@ -1,13 +1,16 @@
-"""Likelihood of a hypothesis: what an effect of a certain place says of a recording, everything else integrated out.
+"""Likelihood of a hypothesis: the probability of a recording with its effects, everything else integrated out.
 
 Of each joint and each block of three seconds the whitened residual y of the model is
 
     y = X (m + g) + X_h s + N n + Q d + e
     g ~ N(0, C)   s: magnitudes, log-uniform   n ~ N(0, I)   d_k ~ N(0, rho^2 / (1 + k)^2)   e ~ N(0, v^2)
 
-X, m, C: columns, their mean and covariance on the healthy machine (model.py); X_h: columns of the hypothesis' effects;
-N: columns of nuisances of single blocks or stretches, payload, contact, slewing, free torque; Q: polynomials; rho, v:
-level of the model discrepancy and scale of the white noise of each joint, maximised with their prior."""
+X, m, C: columns, their mean and covariance on the healthy machine (model.py)
+X_h:     columns of the hypothesis' effects
+N:       columns of nuisances of single blocks or stretches: payload, contact, slewing, free torque
+Q:       polynomials
+rho, v:  level of the model discrepancy and scale of the white noise of each joint, maximised with their prior
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -61,9 +64,9 @@ FREE_PRECISION = (
 class ResidualNoise:
     """Residual model of each joint: white noise plus a smooth model discrepancy, in units of the floor's white noise.
 
-    discrepancy: (R,) rho, standard deviation of the smooth part at order 0; at order k the variance is 1 / (1 + k)^2 of
-                 that
-    white:       (R,) v, standard deviation of the white part
+    discrepancy: (R,) rho, standard deviation of the smooth component at order 0; the variance at order k is
+                 rho^2 / (1 + k)^2
+    white:       (R,) v, standard deviation of the white component
     width:       (R,) factor on the spread of both between recordings (prior only)
     variation:   factor on the run-to-run variation of the machine (of a hypothesis only)
     """
@@ -86,14 +89,14 @@ class ResidualNoise:
         return np.asarray(scale @ gram.whole.reshape(len(scale), -1) - smooth).reshape(size, size)
 
     def log_norm(self, gram: Gram) -> float:
-        """Return the part of the log likelihood that depends on the noise alone."""
+        """Return the term of the log likelihood that depends on the noise alone."""
         each = np.log1p(self.discrepancy[:, None] ** 2 * DECAY / self.white[:, None] ** 2)
         return float(-np.sum(gram.rows * np.log(self.white) + 0.5 * gram.blocks * np.sum(each, axis=1)))
 
     def shared(self, gram: Gram) -> tuple[Array, Array]:
-        """Return what sensor noise in both adds to X' P y (K,), and samples (S, K) of how uncertain that is.
+        """Return the bias of X' P y (K,) from sensor noise in both factors, and samples (S, K) of its uncertainty.
 
-        No more of it counts than there is noise at all.
+        Its energy is limited to that of the whole noise.
         """
         weight = self.noise_weight(gram.noise_energy)
         each = np.einsum("rq,srqk->sk", weight, gram.shared[..., :-1], optimize=True)
@@ -105,12 +108,18 @@ class ResidualNoise:
         return np.asarray(own / np.maximum(self.white**2, noise_energy)[:, None])
 
     def log_prior(self, usual: "ResidualNoise") -> float:
-        """Return the log density of all joints beside what is usual."""
+        """Return the log prior density of the noise of all joints.
+
+        usual: noise of a healthy machine
+        """
         joints = range(len(self.white))
         return sum(float(_log_density(self.discrepancy[r], self.white[r], usual, r)) for r in joints)
 
     def probability_usual(self, usual: "ResidualNoise") -> float:
-        """Return the probability that all joints have a usual noise, not one out of the tail."""
+        """Return the probability that the noise of all joints is a healthy machine's, and none from the tail.
+
+        usual: noise of a healthy machine
+        """
         found = 1.0
         for r in range(len(self.white)):
             whole = _log_density(self.discrepancy[r], self.white[r], usual, r)
@@ -126,7 +135,7 @@ _LOG_FLAT = float(np.log(TAIL) - np.log(np.log(LEVELS[-1] / LEVELS[0]) * np.log(
 
 
 def _log_density(discrepancy: Array, white: Array, usual: ResidualNoise, joint: int) -> Array:
-    """Return the log density of level and scale: log-normal about what is usual, and a flat tail."""
+    """Return the log density of level and scale: log-normal about the healthy machine's, and a flat tail."""
     width = float(np.broadcast_to(usual.width, usual.white.shape)[joint])
     level, scale = width * float(np.log(DISCREPANCY_CHANGE)), width * float(np.log(NOISE_CHANGE))
     distance = (np.log(discrepancy / usual.discrepancy[joint]) / level) ** 2
@@ -138,9 +147,11 @@ def _log_density(discrepancy: Array, white: Array, usual: ResidualNoise, joint: 
 def likeliest_noise(
     gram: Gram, white: Array, smooth: Array, usual: ResidualNoise | None
 ) -> tuple[ResidualNoise, Array]:
-    """Return level and scale (H, R) that make energies (H, R), (H, R, POLYNOMIALS) most probable, and their log (H,).
+    """Return the most probable level and scale (H, R) for given energies, and their log probability (H,).
 
-    usual: noise of a healthy machine, the prior; None: flat
+    white:  (H, R) energies
+    smooth: (H, R, POLYNOMIALS) energies along the polynomials
+    usual:  noise of a healthy machine, the prior; None: flat
     """
     levels, scales, log = np.zeros(white.shape), np.zeros(white.shape), np.zeros(len(white))
     for r in range(white.shape[1]):
@@ -162,7 +173,7 @@ def settled_noise(gram: Gram, energies: tuple[Array, Array], usual: ResidualNois
 def largest_discrepancy(gram: Gram, white: Array, smooth: Array) -> Array:
     """Return the largest level (R,) that energies (R,), (R, POLYNOMIALS) allow: half a nat below the likeliest.
 
-    A level that is small beside the noise is as likely as none at all.
+    A level far below the noise is as likely as none at all.
     """
     levels = np.zeros(len(white))
     for r in range(len(white)):
@@ -178,16 +189,18 @@ def largest_discrepancy(gram: Gram, white: Array, smooth: Array) -> Array:
 
 @dataclass(frozen=True)
 class Form:
-    """An effect at a place, in one of its forms.
+    """Effect at a location, in one of its forms.
 
-    name, at:  of the effect
+    name:      of the effect
+    at:        its location
     columns:   numbers of its columns
-    low, high: plausible range of its magnitude [unit of the effect]
+    low:       least plausible magnitude [unit of the effect]
+    high:      largest plausible magnitude [unit of the effect]
     sign:      1 or -1 where only that sign is possible, else 0
-    axes:      how many of its sizes are components of the magnitude
+    axes:      number of its sizes that are components of the magnitude
     sensor:    whether it is an error of readings or of geometry
     law_error: relative error of a magnitude because the law is only approximate
-    likely:    whether it is as probable as not: what a data sheet does not know
+    likely:    whether its prior probability is one half: a property that no data sheet contains
     """
 
     name: str
@@ -203,7 +216,7 @@ class Form:
 
     @property
     def key(self) -> tuple[str, str]:
-        """Name and place."""
+        """Name and location."""
         return self.name, self.at
 
     @property
@@ -213,7 +226,7 @@ class Form:
 
     @property
     def side_precision(self) -> Array:
-        """Prior precision (M,) of its sizes in units of their typical size: 1 of those beside the magnitude."""
+        """Prior precision (M,) of its sizes in units of their typical size: 1 of those that are not components."""
         return np.where(np.arange(len(self.columns)) < self.components, 0.0, 1.0)
 
     def log_prior(self, sizes: Array, covariance: Array) -> float:
@@ -250,7 +263,7 @@ class Form:
         return np.where(plausible, -axes * np.log(np.maximum(magnitude, 1e-300)) - np.log(whole), -np.inf)
 
     def bounded(self, sizes: Array) -> Array:
-        """Return sizes (M,) no larger than any plausible ones, in proportion."""
+        """Return sizes (M,) scaled down to the largest plausible magnitude."""
         largest = BEYOND * self.high * (1.0 - 1e-9)
         return np.asarray(sizes * min(largest / max(float(np.linalg.norm(sizes[: self.components])), 1e-300), 1.0))
 
@@ -273,7 +286,10 @@ _DRAWS = _evenly_spread()
 
 
 def symmetric_positive(matrix: Array) -> Array:
-    """Return the nearest symmetric, not negative matrix (..., M, M): a difference of large ones may be neither."""
+    """Return the nearest symmetric, positive semidefinite matrix (..., M, M).
+
+    A difference of large matrices may be neither by rounding.
+    """
     values, vectors = np.linalg.eigh((matrix + np.swapaxes(matrix, -1, -2)) / 2.0)
     return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
@@ -283,7 +299,7 @@ def symmetric_positive(matrix: Array) -> Array:
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Columns that only some blocks have, with sizes of their own: contact, slewing, free torque, payload.
+    """Columns that are present in some blocks only, with sizes of their own: contact, slewing, free torque, payload.
 
     across: (B, R, I, K+1) product of the nuisance's columns with all others, in units of their typical sizes
     within: (B, R, I, I) product of the nuisance's columns with each other
@@ -300,7 +316,11 @@ class Nuisance:
     def of(
         cls, blocks: Sequence[Blocks], columns: Sequence[int], unit: Array, own: Sequence[int], typical: Array
     ) -> "Nuisance":
-        """Return the nuisance of recordings: columns `own` in units `typical` (I,), beside `columns` in units (K,)."""
+        """Return the nuisance of recordings.
+
+        columns: numbers of the other columns, in units `unit` (K,)
+        own:     numbers of the nuisance's columns, in units `typical` (I,)
+        """
         scale = np.append(unit, 1.0)
         parts = []
         for each in blocks:
@@ -317,12 +337,12 @@ class Nuisance:
         )
 
     def sized(self, sizes: Array) -> "Nuisance":
-        """Return the nuisance with another typical size, of these, in every block (B,); 0: it is absent there."""
+        """Return the nuisance with typical sizes scaled by block (B,); 0: absent in the block."""
         on = sizes[:, None, None, None]
         return Nuisance(self.across * on, self.within * on**2, self.waves * on, self.smooth)
 
     def weighted(self, noise: ResidualNoise) -> tuple[Array, Array]:
-        """Return of every group of blocks the product with all columns (G, I, K+1), and the precision (G, I, I)."""
+        """Return, for each group of blocks, the product with all columns (G, I, K+1) and the precision (G, I, I)."""
         share, scale = noise.smooth_share, noise.white**-2.0
         across = np.einsum("brij,r->bij", self.across, scale, optimize=True)
         pulled = self.waves * (share * scale[:, None])[..., None]
@@ -331,11 +351,11 @@ class Nuisance:
         return across, within + np.eye(within.shape[-1])
 
     def spread(self, groups: Array) -> Array:
-        """Return values of groups (G, ...) for every block (B, ...)."""
+        """Return values of groups (G, ...), one per block (B, ...)."""
         return groups
 
     def marginal(self, noise: ResidualNoise) -> tuple[Array, float]:
-        """Return the information (K+1, K+1) that the nuisance takes away, and the cost of its freedom [nats]."""
+        """Return the information (K+1, K+1) lost to the nuisance, and the cost of its freedom [nats]."""
         across, precision = self.weighted(noise)
         root = np.linalg.cholesky(precision)
         half = np.linalg.solve(root, across).reshape(-1, across.shape[-1])
@@ -343,14 +363,14 @@ class Nuisance:
         return np.asarray(half.T @ half), cost
 
     def expected(self, coefficients: Array, noise: ResidualNoise) -> tuple[Array, Array]:
-        """Return sizes (B, I) in every block by a residual (K+1,), and their covariance (B, I, I)."""
+        """Return the sizes (B, I) in each block for a residual (K+1,), and their covariance (B, I, I)."""
         across, precision = self.weighted(noise)
         covariance = np.asarray(np.linalg.inv(precision))
         sizes = np.einsum("bij,bjk,k->bi", covariance, across, coefficients, optimize=True)
         return self.spread(np.asarray(sizes)), self.spread(covariance)
 
     def energies(self, coefficients: Array, noise: ResidualNoise) -> tuple[Array, Array]:
-        """Return by how much the energies, white (R,) and smooth (R, POLYNOMIALS), of a residual (K+1,) change."""
+        """Return the change of the energies, white (R,) and smooth (R, POLYNOMIALS), of a residual (K+1,)."""
         sizes, covariance = self.expected(coefficients, noise)
         second = np.einsum("bi,bj->bij", sizes, sizes) + covariance
         whole = np.einsum("brij,bij->r", self.within, second, optimize=True)
@@ -362,7 +382,7 @@ class Nuisance:
         return whole - np.sum(smooth, axis=1), smooth
 
     def likeliest_sizes(self, coefficients: Array, noise: ResidualNoise, sizes: Sequence[float]) -> Array:
-        """Return of every block the size (B,), of `sizes`, that a residual (K+1,) makes most probable.
+        """Return the most probable of `sizes` in each block (B,), for a residual (K+1,).
 
         0 where the nuisance is less probable than its absence, with prior probability INCIDENT.
         """
@@ -380,13 +400,13 @@ def log_evidence(score: Array, precision: Array) -> Array:
 
 
 def log_prior_of_blocks(present: Mask, sizes: Sequence[float] = INCIDENT_SIZES) -> float:
-    """Return the log prior probability of an incident in just these blocks (B,), with one of these sizes in each."""
+    """Return the log prior probability of an incident in exactly these blocks (B,), with one of these sizes in each."""
     return float(np.sum(np.log(np.where(present, INCIDENT / len(sizes), 1.0 - INCIDENT))))
 
 
 @dataclass(frozen=True)
 class Payload(Nuisance):
-    """Unknown payloads: one in all blocks of a stretch that is free of contact, or carried on from the stretch before.
+    """Unknown payloads: one for all blocks of a stretch without contact, or carried on from the stretch before.
 
     stretch:      (B,) number of each block's stretch
     carried_on:   (S,) whether the load of a stretch is that of the one before
@@ -405,11 +425,14 @@ class Payload(Nuisance):
         return np.asarray((np.cumsum(~self.carried_on) - 1)[self.stretch])
 
     def with_loads(self, carried_on: Mask) -> "Payload":
-        """Return the same payloads where other stretches carry the load of the one before."""
+        """Return the payloads with another division of the stretches into loads.
+
+        carried_on: (S,) whether the load of a stretch is that of the one before
+        """
         return replace(self, carried_on=carried_on)
 
     def weighted(self, noise: ResidualNoise) -> tuple[Array, Array]:
-        """Return of every load the product with all columns (G, I, K+1) and the precision (G, I, I)."""
+        """Return, for each load, the product with all columns (G, I, K+1) and the precision (G, I, I)."""
         across, precision = super().weighted(noise)
         weight = noise.noise_weight(self.noise_energy)
         across[..., -1] -= np.einsum("rq,brqi->bi", weight, self.shared, optimize=True)
@@ -420,11 +443,11 @@ class Payload(Nuisance):
         return each, within + unit
 
     def spread(self, groups: Array) -> Array:
-        """Return values of loads (G, ...) for every block (B, ...)."""
+        """Return values of loads (G, ...), one per block (B, ...)."""
         return np.asarray(groups[self.load])
 
     def losses(self, residual: Array, noise: ResidualNoise) -> "Losses":
-        """Return in which stretches a load that is carried on is most probably another one, and where a part fell out.
+        """Return the changes of loads that are carried on, and the spills among them.
 
         residual: coefficients (K+1,) of the residual without loads
         """
@@ -441,7 +464,7 @@ class Payload(Nuisance):
         gain = np.append(-np.inf, apart[:-1] + apart[1:] - one)
         differs = self.carried_on & (gain > np.log((1.0 - INCIDENT) / INCIDENT))
         fell, same = differs & (less[:, 0] * PAYLOAD > CARRY_BACK), np.cumsum(~self.carried_on)
-        for n in np.flatnonzero(fell):  # what comes back was held up
+        for n in np.flatnonzero(fell):  # a mass that returns was supported, not spilled
             later = loads[n:][same[n:] == same[n], 0]
             fell[n] = loads[n - 1, 0] - np.max(later) > HALF * less[n, 0]
         return Losses(differs, fell, less, errors)
@@ -451,9 +474,9 @@ class Payload(Nuisance):
 class Losses:
     """Changes of carried loads at the beginning of each of S stretches.
 
-    differs: (S,) whether the load differs from that of the stretch before, though it is carried on
-    fell:    (S,) whether a part of it fell out there
-    less:    (S, I) by how much less it is, in units of the payload's columns
+    differs: (S,) whether a load that is carried on differs from that of the stretch before
+    fell:    (S,) whether it spilled
+    less:    (S, I) decrease of the load, in units of the payload's columns
     errors:  (S, I) standard errors
     """
 
@@ -475,11 +498,12 @@ DUMPED = 0.5  # of the way from where the bucket is tilted as a load is lifted t
 
 @dataclass(frozen=True)
 class FreeStretch:
-    """Rows of a recording that are free of contact.
+    """Rows of a recording without contact.
 
-    first, last: from the first row to before the last
-    loaded:      whether an unknown load is in the bucket
-    carried_on:  whether it is the load of the stretch before
+    first:      number of the first row
+    last:       number of the row after the last one
+    loaded:     whether an unknown load is in the bucket
+    carried_on: whether it is the load of the stretch before
     """
 
     first: int
@@ -512,7 +536,7 @@ class _Cells:
 
     @classmethod
     def of(cls, residual: Array, loads: Array, usable: Mask) -> "_Cells":
-        """Return the cells of whitened rows: residual (T, R), a load's columns (T, R, I), which are usable (T, R)."""
+        """Return the cells of whitened rows: residual (T, R), a load's columns (T, R, I), the usable ones (T, R)."""
         count = -(-len(residual) // CELL_ROWS)
 
         def split(x: Array) -> Array:
@@ -525,9 +549,9 @@ class _Cells:
         return cls(np.sum(y**2, axis=1), across, within, split(usable.astype(np.float64)).sum(axis=1))
 
     def path(self, free: Array, busy: Array, precision: Mapping[bool, Array]) -> list[FreeStretch]:
-        """Return the most probable stretches free of contact (in cells), by dynamic programming.
+        """Return the most probable stretches without contact (in cells), by dynamic programming.
 
-        In a stretch the residual is noise of scale `free` (R,) beside one load; elsewhere it has the scale `busy` (R,).
+        The residual has the scale `free` (R,) and one load in a stretch, the scale `busy` (R,) elsewhere.
         """
         weight, count = free**-2.0, len(self.rows)
         sums = [
@@ -569,7 +593,7 @@ class _Cells:
     def scales(
         self, path: Sequence[FreeStretch], free: Array, busy: Array, precision: Mapping[bool, Array]
     ) -> tuple[Array, Array]:
-        """Return the noise inside and outside of stretches (R,), as a path leaves it."""
+        """Return the scales (R,) of the noise inside and outside the stretches of a path."""
         energy, rows, weight = np.zeros_like(free), np.zeros_like(free), free**-2.0
         outside = np.ones(len(self.rows), dtype=np.bool_)
         for each in path:
@@ -590,15 +614,15 @@ class _Cells:
 def free_stretches(
     residual: Array, loads: Array, usable: Mask, tilt: Array, typical: Array, settle: int, *, payloads: bool = True
 ) -> list[FreeStretch]:
-    """Return the stretches of a recording that are free of contact, each with one load or with carry-back.
+    """Return the stretches of a recording without contact, each with one load or with carry-back.
 
-    The rows in which the filters settle are left out at both ends.
+    Rows in which the filters settle are excluded at both ends.
     residual: (T, R) whitened residual of the healthy machine
     loads:    (T, R, I) whitened columns of a load
     usable:   (T, R)
     tilt:     (T,) angle of the tool against the house [rad]
     typical:  (I,) typical sizes of a load's columns
-    payloads: whether unknown payloads are possible, or nothing but carry-back
+    payloads: whether unknown payloads are possible, or only carry-back
     """
     cells = _Cells.of(residual, loads, usable)
     precision = {False: (CARRY_BACK * typical) ** -2.0}
@@ -619,8 +643,11 @@ def free_stretches(
 
 
 def _carried_on(found: list[FreeStretch], usable: Mask, tilt: Array, settle: int) -> list[FreeStretch]:
-    """Return the stretches with which loads are carried on: nothing touched the teeth for longer than the filters see,
-    and the bucket stayed nearer to where it was as the load was lifted than to where it is emptied."""
+    """Return the stretches with `carried_on` set where the load is that of the stretch before.
+
+    The gap between both is shorter than the filters' memory. In the gap the bucket's tilt stays nearer to that at which
+    the load was lifted than to that at which it is emptied.
+    """
     carried, first = [False] * len(found), 0
     gaps = []
     for one, other in pairwise(found):
@@ -641,9 +668,10 @@ def _carried_on(found: list[FreeStretch], usable: Mask, tilt: Array, settle: int
 
 
 def log_of_other_rows(residual: Array, usable: Mask, found: Sequence[FreeStretch]) -> float:
-    """Return the log probability of the rows (T, R) outside of stretches.
+    """Return the log probability of the rows (T, R) outside the stretches.
 
-    Whatever is smooth, and noise, with levels of their own in every block and joint, log-uniform, at least the floor's.
+    Their residual is a smooth curve plus noise. Each block and joint has levels of its own, log-uniform from the noise
+    floor on.
     """
     out = usable.copy()
     for each in found:
@@ -666,10 +694,10 @@ def log_of_other_rows(residual: Array, usable: Mask, found: Sequence[FreeStretch
 
 @dataclass(frozen=True)
 class MachineKnowledge:
-    """What is known of the healthy machine, in units of the columns' typical sizes.
+    """Statistics of the healthy machine, in units of the columns' typical sizes.
 
-    mean:       (K,)
-    covariance: (K, K)
+    mean:       (K,) of the columns
+    covariance: (K, K) of the columns
     variation:  (K,) standard deviations of the run-to-run variation
     noise:      of the residual
     """
@@ -682,15 +710,15 @@ class MachineKnowledge:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A set of effects with its evidence.
+    """Set of effects with its evidence.
 
     forms:   numbers of the forms
-    log:     log of its probability with the recordings, without the prior of the effects
+    log:     log probability of the recordings under it, without the prior of the effects
     noise:   of the residual under it
     sizes:   (M,) of all its columns, in units of their typical sizes
     errors:  (M,) standard errors of the sizes
     rest:    residual at the worst joint, in noise floors
-    doubt:   nats by which it is less probable because the sensor noise in columns and residual is uncertain
+    doubt:   loss of evidence [nats] because the sensor noise in columns and residual is uncertain
     """
 
     forms: tuple[int, ...]
@@ -704,7 +732,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class MarginalLikelihood:
-    """A recording under one noise, the machine's parameters integrated out.
+    """Likelihood of recordings with one residual noise, the machine's parameters integrated out.
 
     known:      (K, K) information
     covariance: (K, K) of the nuisance parameters g
@@ -722,7 +750,7 @@ class MarginalLikelihood:
     log: float
 
     def follows(self, own: Sequence[int]) -> Array:
-        """Return how the parameters follow sizes of some columns (K, M)."""
+        """Return the derivative (K, M) of the parameters with respect to the sizes of some columns."""
         return self.covariance @ self.known[:, list(own)]
 
     def information(self, own: Sequence[int]) -> Array:
@@ -736,10 +764,10 @@ class Fitted:
     """Magnitudes of a hypothesis.
 
     more:       (M,) sizes beyond those that the recording was corrected for
-    sizes:      (M,) all of them
-    covariance: (M, M)
+    sizes:      (M,) whole sizes
+    covariance: (M, M) of the sizes
     gain:       evidence [nats], integrated over the uncertainty
-    doubt:      nats by which it is less, because the sensor noise in columns and residual is uncertain
+    doubt:      loss of evidence [nats] because the sensor noise in columns and residual is uncertain
     """
 
     more: Array
@@ -766,16 +794,16 @@ def _no_support(_form: int, _sizes: Array) -> float:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Recordings beside what is known of the machine.
+    """Likelihood of hypotheses for recordings, given the statistics of the healthy machine.
 
     gram:      Gram matrices of the recordings
     unit:      (K,) typical sizes of the columns
-    forms:     all that may be a cause
-    machine:   what is known of the healthy machine
-    nuisance:  nuisances of single blocks, if there are any
+    forms:     all lasting effects that may be a cause
+    machine:   statistics of the healthy machine
+    nuisance:  nuisances of single blocks; None if there are none
     corrected: sizes (M,) of forms that the recordings were corrected for, in units of the typical sizes
-    support:   evidence [nats] for a form of sizes (M,) [SI] from elsewhere: return pressures, counts of jumps
-    apart:     log probability of the rows that are left out
+    support:   evidence [nats] for a form of sizes (M,) [SI] from other data: return pressures, counts of jumps
+    apart:     log probability of the rows that are excluded
     """
 
     gram: Gram
@@ -788,7 +816,7 @@ class Likelihood:
     apart: float = 0.0
 
     def torque_uncertainty(self) -> float:
-        """Return how uncertain the machine's parameters leave the torques at the worst joint, in noise floors (rms)."""
+        """Return the standard deviation of the modelled torques at the worst joint, in noise floors (rms)."""
         known = self.gram.whole[:, :-1, :-1]
         energy = np.einsum("rij,ij->r", known, self.machine.covariance)
         return float(np.sqrt(np.max(np.maximum(energy, 0.0) / np.maximum(self.gram.rows, 1.0))))
@@ -798,7 +826,7 @@ class Likelihood:
         return {}
 
     def prior_precision(self, variation: float) -> tuple[Array, float]:
-        """Return the parameters' precision (K, K) before the recording, and the log determinant of its inverse."""
+        """Return the parameters' prior precision (K, K), and the log determinant of its inverse."""
         if variation not in self._precisions:
             whole = self.machine.covariance + np.diag((variation * self.machine.variation) ** 2 + 1e-12)
             self._precisions[variation] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
@@ -809,7 +837,10 @@ class Likelihood:
         return {}
 
     def state(self, noise: ResidualNoise) -> MarginalLikelihood:
-        """Return the recording under a noise; the last ones are kept: many hypotheses share a point of the grid."""
+        """Return the marginal likelihood with a residual noise.
+
+        The last KEPT_STATES are kept: many hypotheses share a point of the grid.
+        """
         key = noise.discrepancy.tobytes(), noise.white.tobytes(), noise.variation
         found = self._states.pop(key, None) or self._marginal(noise)
         self._states[key] = found
@@ -842,7 +873,7 @@ class Likelihood:
         return [c for p in forms for c in self.forms[p].columns]
 
     def already(self, forms: Sequence[int]) -> Array:
-        """Return the sizes (M,) that the recordings were corrected for."""
+        """Return the sizes (M,) for which the recordings were corrected."""
         zero = (np.zeros(len(self.forms[p].columns)) for p in forms)
         return np.concatenate([np.zeros(0), *(self.corrected.get(p, z) for p, z in zip(forms, zero, strict=True))])
 
@@ -867,7 +898,9 @@ class Likelihood:
         return own, Fitted(more, taken + more, covariance, gain, 0.5 * float(lost + log_known - log_both))
 
     def under(self, forms: Sequence[int], state: MarginalLikelihood) -> tuple[float, Fitted, Array]:
-        """Return some forms' log marginal likelihood but for the noise's prior, magnitudes, residual (K+1,)."""
+        """Return the log marginal likelihood of some forms without the noise's prior, their magnitudes, the residual
+        (K+1,).
+        """
         own, fitted = self.fitted(forms, state)
         log, k = state.log + fitted.gain, 0
         for p in forms:
@@ -887,20 +920,20 @@ class Likelihood:
 
     @cached_property
     def healthy(self) -> Hypothesis:
-        """No effect, with the noise that it needs."""
+        """Hypothesis without effects, with its most probable noise."""
         return self.hypothesis((), self.machine.noise)
 
     def doubt(self, forms: Sequence[int], base: Hypothesis) -> float:
-        """Return the doubt [nats] about the forms that `base` lacks, under the noise of a recording without them.
+        """Return the doubt [nats] about the forms that `base` lacks, with the noise of `base`.
 
-        Under the noise of the effect, which is less, doubt would outweigh any evidence.
+        The smaller noise of a hypothesis with these forms would make the doubt exceed any evidence.
         """
         state = self.state(base.noise)
         whole, before = (self.fitted(each, state)[1].doubt for each in (forms, base.forms))
         return base.doubt + max(whole - before, 0.0)
 
     def _settled(self, forms: Sequence[int], noise: ResidualNoise) -> tuple[ResidualNoise, MarginalLikelihood]:
-        """Return the noise of a hypothesis, maximised in turns with its residual (expectation maximisation)."""
+        """Return the noise of a hypothesis and its marginal likelihood, by expectation maximisation."""
         state = self.state(noise)
         for _ in range(ROUNDS):
             residual, before = self.under(forms, state)[2], noise
@@ -920,7 +953,10 @@ class Likelihood:
         return white, smooth
 
     def hypothesis(self, forms: Sequence[int], noise: ResidualNoise, doubt: float | None = None) -> Hypothesis:
-        """Return a hypothesis with its own noise; its doubt is by default that of all its effects beside none."""
+        """Return a hypothesis with its most probable noise.
+
+        doubt: loss of evidence [nats]; None: that of all its effects compared with none
+        """
         forms = tuple(forms)
         if doubt is None:
             doubt = self.doubt(forms, self.healthy) if forms else 0.0
@@ -936,12 +972,12 @@ class Likelihood:
         return self.hypothesis(forms, base.noise, self.doubt(forms, base))
 
     def likeliest(self, forms: Sequence[int], noise: ResidualNoise, doubt: float | None = None) -> Hypothesis:
-        """Return a hypothesis with the run-to-run variation under which it is most probable."""
+        """Return a hypothesis with its most probable run-to-run variation."""
         each = [self.hypothesis(forms, replace(noise, variation=share), doubt) for share in VARIATIONS]
         return max(each, key=lambda h: h.log)
 
     def rests(self, residual: Array, noise: ResidualNoise | None = None) -> Array:
-        """Return the residual (R,) in noise floors, rms; with `noise` beside the nuisances."""
+        """Return the residual (R,) in noise floors, rms; with `noise`, the residual besides the nuisances."""
         energy = np.einsum("i,rij,j->r", residual, self.gram.whole, residual)
         if self.nuisance is not None and noise is not None:
             white, smooth = self.nuisance.energies(residual, noise)
@@ -950,7 +986,10 @@ class Likelihood:
 
 
 def _root_of(matrix: Array, rounding: Array) -> Array:
-    """Return the Cholesky factor of a matrix; a difference of single-precision sums may lack up to its rounding."""
+    """Return the Cholesky factor of a matrix.
+
+    A difference of single-precision sums may be short of positive definite by up to its rounding, which is added.
+    """
     for _ in range(6):
         try:
             return np.asarray(np.linalg.cholesky(matrix + rounding))

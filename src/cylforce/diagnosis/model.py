@@ -1,8 +1,9 @@
-"""The healthy machine: everything that a diagnosis compares a recording with.
+"""The healthy machine, with which a diagnosis compares recordings.
 
 Recordings of the healthy machine (references), recordings of the user's own simulator, an identification and a data
-sheet are four ways to the same object. It holds parameters and columns with mean and covariance, the noise floor, the
-level of the model discrepancy, the run-to-run variation, and what the sensors of a healthy machine show."""
+sheet are four sources of the same object. It holds parameters and columns with mean and covariance, the noise floor,
+the level of the model discrepancy, the run-to-run variation, and the sensor noise of a healthy machine.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -45,9 +46,9 @@ from cylforce.signals.estimate import Array
 GROWTH_S = 100.0  # s in which a clock that drifts becomes late by the second of its sizes
 CENTRE = len(LOAD_CENTRE)
 FOLDS = 4  # parts of the references, each predicted from the others
-FIRST_GUESS = 0.1  # of the torque's rms: noise before anything is known
+FIRST_GUESS = 0.1  # of the torque's rms: noise in the first round
 NOISE_S = 120.0  # s of each recording on which shared sensor noise is simulated
-STEADY_BASE = 5e-4  # rad/s, rms: a base that stands seems to turn as fast; physics: noise of inclinometers, filtered
+STEADY_BASE = 5e-4  # rad/s, rms: apparent rate of a base at rest; physics: noise of inclinometers, filtered
 FEWEST_REFERENCES = 2  # recordings, from which on the run-to-run variation is learnt
 VARIATION_TIMES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # factors on the stated variation; a factor of two is one sigma
 PRIOR_SHARES = (1.0, 0.5, 0.25, 0.125, 0.06)  # factors on the healthy spread of effects that are tried
@@ -59,7 +60,7 @@ PHASE = 6.0**-0.5  # of a sampling period: standard deviation of the difference 
 
 
 class KnowledgeSource(StrEnum):
-    """Where the knowledge of a machine comes from."""
+    """Source of the statistics of a healthy machine."""
 
     REFERENCES = "recordings of the healthy machine"
     SIMULATION = "recordings of a simulation"
@@ -69,10 +70,10 @@ class KnowledgeSource(StrEnum):
 
 @dataclass(frozen=True)
 class ColumnLayout:
-    """Which column is what: [parameters | bars | effects | clock, growth of the clock], K in all, then incidental ones.
+    """Order of the columns: [parameters | bars | effects | clock, growth of the clock], K in all, then incidental ones.
 
     model:      the machine's model
-    proposals:  all effects that may be a cause, at their places, in their forms
+    proposals:  all effects that may be a cause, at their locations, in their forms
     base_moves: whether the base of the healthy machine moves
     """
 
@@ -93,12 +94,12 @@ class ColumnLayout:
 
     @property
     def size(self) -> int:
-        """K, number of the columns that last."""
+        """K, number of the lasting columns."""
         return self.clock + 2
 
     @cached_property
     def places(self) -> tuple[tuple[int, ...], ...]:
-        """Columns of every proposal: numbers below K of what lasts, from K on of incidents, () of a change of load."""
+        """Columns of each proposal: numbers below K if it lasts, from K on of an incident, () of a change of load."""
         found, k = list[tuple[int, ...]](), self.first
         for p in self.proposals:
             if p.course is TimeCourse.CLOCK:
@@ -126,7 +127,7 @@ class ColumnLayout:
 
     @cached_property
     def unit(self) -> Array:
-        """Typical sizes (K,) of the columns, in which everything is computed."""
+        """Typical sizes (K,) of the columns, the units of all computations."""
         known = np.sqrt(np.diag(self.model.prior.covariance))
         effects = [size for p in self.proposals for size in p.usual]
         clock = [self.typical[CLOCK_COLUMN]] * 2
@@ -144,7 +145,7 @@ class ColumnLayout:
 
     @cached_property
     def static(self) -> Mask:
-        """Which columns (K,) are errors of sensors, geometry or masses, which do not change from run to run."""
+        """True where columns (K,) are errors of sensors, geometry or masses, which do not change from run to run."""
         found = np.zeros(self.size, dtype=np.bool_)
         for p, columns in zip(self.proposals, self.places, strict=True):
             if not p.course and p.name not in (*VARYING, *CREEP) and (p.bends or p.weighs):
@@ -153,9 +154,9 @@ class ColumnLayout:
 
     @cached_property
     def mechanical(self) -> list[int]:
-        """The machine's own columns, which hold no reading of a sensor: parameters, bars, each law of friction once.
+        """Columns of the machine that contain no reading: parameters, bars, each law of friction once.
 
-        Columns of sensors hold the readings, noise included: least squares would cancel noise with noise.
+        Columns of sensors contain the readings, noise included: least squares would cancel noise with noise.
         """
         seen, found = set[tuple[str, str]](), [*range(self.first)]
         for p, columns in zip(self.proposals, self.places, strict=True):
@@ -165,7 +166,9 @@ class ColumnLayout:
         return found
 
     def columns(self, rows: TorqueRows, recording: Recording) -> Array:
-        """Return [K columns | incidental | residual] (T, R, K+I+1) of a recording, without its known load's mass."""
+        """Return [K columns | incidental | residual] (T, R, K+I+1) of a recording, the mass of its known load
+        subtracted.
+        """
         residual = rows.residual
         if recording.load_kg:
             residual = residual - (rows.base @ self.model.load[:, 0]) * recording.load_kg
@@ -175,7 +178,10 @@ class ColumnLayout:
         return np.concatenate(parts, axis=-1)
 
     def largest(self, p: Proposal, dry: Array | None) -> float:
-        """Return the largest plausible magnitude of an effect; dry: (C,) known dry friction [N] of the cylinders."""
+        """Return the largest plausible magnitude of an effect.
+
+        dry: (C,) modelled dry friction [N] of the cylinders; None without a Coulomb law
+        """
         if p.of_dry and dry is not None:
             return min(p.of_dry * float(dry[p.where]), p.about.high)
         return p.about.high
@@ -183,13 +189,13 @@ class ColumnLayout:
 
 @dataclass(frozen=True)
 class Seen:
-    """A recording with its rows.
+    """Recording with its rows.
 
     recording: the recording
     rows:      its rows
     blocks:    [K columns | incidental | residual], whitened
-    added:     what the sensors' noise once more adds to the blocks of its beginning
-    twin:      (T', S) samples of its beginning with that noise
+    added:     change of the first blocks from sensor noise that is added to the readings
+    twin:      (T', S) first samples with that noise
     """
 
     recording: Recording
@@ -205,19 +211,19 @@ class Seen:
 
 @dataclass(frozen=True)
 class HealthyMachine:
-    """What is known of a healthy machine; the argument of every diagnosis.
+    """Statistics of a healthy machine; the argument of every diagnosis.
 
     regressors:    model and parameters
-    layout:        which column is what
-    source:        where the knowledge comes from
+    layout:        order of the columns
+    source:        source of the statistics
     floor:         noise floor of each joint
     known:         (R,) whether the source shows the floor of this joint
     machine:       mean, covariance and run-to-run variation of the columns, noise of the residual
-    values:        (K,) columns of the machine by least squares, in SI units: the residual that is reported
-    floor_seen:    (B, R) mean squares of the blocks of the references, as fitted [N^2 m^2]
-    floor_unseen:  (B, R) the same, each part predicted from the others: what a healthy recording would leave
+    values:        (K,) columns of the machine by least squares, in SI units: they define the reported residual
+    floor_seen:    (B, R) mean squares of the references' blocks that were fitted [N^2 m^2]
+    floor_unseen:  (B, R) mean squares of the blocks, each fold predicted from the others [N^2 m^2]
     regimes:       (regimes, R) rms by regime, predicted likewise [N m]; None without references
-    sensor_noise:  (S,) white noise of every sensor; NaN where it is not known
+    sensor_noise:  (S,) white noise of every sensor; NaN of a sensor without a figure
     base_rate:     rms rate of the base [rad/s]
     references:    number of recordings
     loaded:        whether one of them has a known load
@@ -244,7 +250,7 @@ class HealthyMachine:
 def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
     """Return the parameters (P,) of recordings by least squares, the data sheet as prior.
 
-    Each row is weighted by the residual of the first round; where a known load hangs is fitted beside.
+    Each row is weighted by the residual of the first round. The centres of known loads are fitted with the parameters.
     """
     regressors, count = Regressors(model, np.zeros(len(model.parameters))), len(model.parameters)
     layout = ColumnLayout(model, ())
@@ -284,11 +290,11 @@ def _weighted_gram(columns: Sequence[Array], scale: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Least:
-    """Least squares of the mechanical columns: the residual that is reported, and the noise floor.
+    """Least squares of the mechanical columns, for the reported residual and the noise floor.
 
-    values:   (K,) in SI units
-    seen:     residuals (T, R) of each recording as all are fitted
-    unseen:   the same, each part predicted from the others
+    values: (K,) in SI units
+    seen:   residuals (T, R) of each recording, all recordings fitted
+    unseen: residuals (T, R), each fold predicted from the others
     """
 
     values: Array
@@ -297,7 +303,7 @@ class _Least:
 
 
 def _least_squares(layout: ColumnLayout, columns: Sequence[Array], loads: Sequence[bool], scale: Array) -> _Least:
-    """Fit the mechanical columns, and where each known load hangs, to recordings (T, R, K+I+1)."""
+    """Fit the mechanical columns and the centres of known loads to recordings (T, R, K+I+1)."""
     own, extra = layout.mechanical, [k for k, loaded in enumerate(loads) if loaded]
     parts = []
     for k, whole in enumerate(columns):
@@ -339,6 +345,7 @@ def learnt(
     """Learn a healthy machine from its recordings.
 
     sensor_noise: (S,) white noise of every sensor, which columns and residual share
+    shares:       factors on the healthy spread of effects that are tried
     """
     rows = [regressors.rows(each, proposals) for each in recordings]
     base_rate = float(np.sqrt(np.mean(np.concatenate([r.base_rate for r in rows]) ** 2)))
@@ -386,7 +393,10 @@ def learnt(
 
 
 def _by_recording(layout: ColumnLayout, seen: Sequence[Seen], own: list[int]) -> list[Gram]:
-    """Return one Gram per file, with where its load hangs as columns of their own, marginalised later by slicing."""
+    """Return one Gram per recording, with columns of its own for the centre of each load.
+
+    These columns are marginalised later by slicing.
+    """
     names = list(dict.fromkeys(s.recording.name for s in seen))
     loaded = [name for name in names if any(s.recording.load_kg for s in seen if s.recording.name == name)]
     found = []
@@ -399,7 +409,7 @@ def _by_recording(layout: ColumnLayout, seen: Sequence[Seen], own: list[int]) ->
 def gram_with_loads(
     layout: ColumnLayout, seen: Seen, own: list[int], loaded: Sequence[str], mask: Mask | None = None
 ) -> Gram:
-    """Return the Gram of a recording with columns `own`, then where the load of each loaded recording hangs.
+    """Return the Gram of a recording with columns `own`, then the centre of the load of each loaded recording.
 
     loaded: names of the loaded recordings
     mask:   blocks (B,) that count; None: all
@@ -417,7 +427,7 @@ def gram_with_loads(
 
 
 def _padded(noise: SharedNoise, own: int, more: int, joints: int) -> SharedNoise:
-    """Return the shared noise with columns beside that share none."""
+    """Return the shared noise with further columns that share none."""
     if not len(noise.products):
         return SharedNoise.none(joints, own + more + 1)
     found = np.zeros((*noise.products.shape[:-1], own + more + 1))
@@ -436,7 +446,7 @@ def with_noise(
 ) -> Seen:
     """Return a recording with its blocks and the sensor noise that its columns share with the residual.
 
-    Sensor noise is added once more to NOISE_S of the recording; what that adds to the rows is noise in both.
+    Sensor noise is added to the first NOISE_S of the readings; the change of the rows is noise in both.
     """
     columns = layout.columns(rows, recording)
     blocks = Blocks.whitened(columns, floor)
@@ -456,7 +466,7 @@ def _with_sensor_noise(
     sensor_noise: Array,
     rng: np.random.Generator,
 ) -> NoiseFloor:
-    """Return the floor with the sensors' noise, whose colour it then has."""
+    """Return the floor with the sensors' noise added, in the colour of that noise."""
     noise = noise_of_sensors(regressors, recordings, rows, sensor_noise, rng)
     return noise.scaled(np.hypot(noise.rms, floor.rms))
 
@@ -468,7 +478,7 @@ def noise_of_sensors(
     sensor_noise: Array,
     rng: np.random.Generator,
 ) -> NoiseFloor:
-    """Return what the sensors' noise alone makes of the residual."""
+    """Return the noise of the residual that comes from the sensors' noise alone."""
     steps, changes = round(NOISE_S * regressors.model.filters.rate_hz), []
     for recording, own in zip(recordings, rows, strict=True):
         values = recording.values[:steps]
@@ -492,7 +502,7 @@ mean_squares = _mean_squares
 def _learnt_machine(
     layout: ColumnLayout, grams: Sequence[Gram], rate_hz: float, shares: Sequence[float]
 ) -> MachineKnowledge:
-    """Return what recordings tell of the columns.
+    """Return the statistics of the columns from recordings.
 
     Empirical Bayes: the healthy spread of effects is multiplied by the share that makes the recordings most probable,
     first of errors of sensors, geometry and masses, then of laws of force.
@@ -521,7 +531,10 @@ def _learnt_machine(
 
 
 def _posterior_of(total: Gram, healthy: Array) -> tuple[ResidualNoise, Array, Array, float]:
-    """Return noise, mean (K,), covariance (K, K) and log evidence of recordings with prior deviations (K,)."""
+    """Return noise, mean (K,), covariance (K, K) and log evidence of recordings.
+
+    healthy: (K,) prior standard deviations of the columns
+    """
     joints = len(total.rows)
     noise, precision = ResidualNoise(np.ones(joints), np.ones(joints)), healthy**-2.0
     mean, covariance = np.zeros(len(healthy)), np.diag(healthy**2)
@@ -540,7 +553,8 @@ def _posterior_of(total: Gram, healthy: Array) -> tuple[ResidualNoise, Array, Ar
 def _posterior(information: Array, score: Array, unsure: Array, precision: Array) -> tuple[Array, Array]:
     """Return covariance (K, K) and mean (K,) of sizes with prior precision (K,).
 
-    The score is uncertain beyond the noise by samples `unsure` (S, K), V in all: it tells I (I + V)^-1 I.
+    The uncertainty of the score beyond the noise has samples `unsure` (S, K), of covariance V: the information I
+    becomes I (I + V)^-1 I.
     """
     unit = precision**-0.5
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
@@ -555,7 +569,7 @@ def _posterior(information: Array, score: Array, unsure: Array, precision: Array
 
 
 def _where_shown(noise: ResidualNoise, rows: Array) -> ResidualNoise:
-    """Return the noise; of joints (R,) that no reference moves a wide one."""
+    """Return the noise, with a wide prior for joints (R,) that move in no reference."""
     shown = rows > 0.0
     return ResidualNoise(
         np.where(shown, noise.discrepancy, 1.0), np.where(shown, noise.white, 1.0), np.where(shown, 1.0, UNSEEN_WIDTH)
@@ -563,7 +577,7 @@ def _where_shown(noise: ResidualNoise, rows: Array) -> ResidualNoise:
 
 
 def forms_of(layout: ColumnLayout, dry: Array | None = None) -> tuple[Form, ...]:
-    """Return one form of every proposal that lasts; () columns of a change of load are filled in by the search."""
+    """Return one form of each lasting proposal; the search adds the columns () of a change of load."""
     found = []
     for p, columns in zip(layout.proposals, layout.places, strict=True):
         if p.course is TimeCourse.WINDOWS:
@@ -580,7 +594,7 @@ def lasting(layout: ColumnLayout) -> list[Proposal]:
 
 
 def _stated_variation(layout: ColumnLayout, forms: Sequence[Form], rate_hz: float) -> Array:
-    """Return the run-to-run variation (K,) as physics says."""
+    """Return the run-to-run variation (K,) from constants of the effects' physics."""
     found = np.zeros(layout.size)
     for form in forms:
         if not form.columns:
@@ -598,9 +612,9 @@ def _stated_variation(layout: ColumnLayout, forms: Sequence[Form], rate_hz: floa
 
 
 def _unsure_signs(forms: Sequence[Form], unit: Array, mean: Array, covariance: Array) -> Array:
-    """Return the covariance where errors that references show with an impossible sign are as uncertain as large.
+    """Return the covariance, increased by the square of errors that references show with an impossible sign.
 
-    A sensor that is early stands for something else, such as a law of friction that nobody wrote.
+    A sensor with a negative latency indicates another cause, such as a law of friction that is not modelled.
     """
     groups: dict[tuple[str, str, int], set[int]] = {}
     for form in forms:
@@ -617,10 +631,10 @@ def _unsure_signs(forms: Sequence[Form], unit: Array, mean: Array, covariance: A
 def _learnt_variation(
     layout: ColumnLayout, forms: Sequence[Form], grams: Sequence[Gram], healthy: Array, stated: Array
 ) -> Array:
-    """Return the run-to-run variation (K,) that makes each recording most probable by the others, up or down.
+    """Return the run-to-run variation (K,) that makes each recording most probable given the others.
 
-    Only of friction and pressure zeros, which vary by their nature. How badly recordings of different motion predict
-    each other is model error; geometry, masses and gains do not vary.
+    Only friction and pressure zeros are scaled, which vary by their nature. Recordings of different motion predict each
+    other badly by model error; geometry, masses and gains do not vary.
     """
     varying = np.zeros(layout.size, dtype=np.bool_)
     varying[[c for f in forms if f.name in (*VARYING, *CREEP) for c in f.columns]] = True
@@ -650,8 +664,8 @@ def identified(
 ) -> HealthyMachine:
     """Return the healthy machine of an identification without statistics of its recordings.
 
-    The noise floor is the residual that the identification left; its colour that of the sensors' noise, filtered as the
-    field is: a fit to the field would whiten the fault away.
+    The noise floor has the rms of the identification's residual. Its colour is that of the sensors' noise, filtered as
+    the field recording: a fit to the field recording would whiten the fault away.
     covariance:  (P, P) of the parameters
     unexplained: (R,) residual torque [N m, rms]
     """
@@ -684,11 +698,11 @@ def identified(
     )
 
 
-# Changes of what is known
+# Changes of the statistics
 
 
 def with_proposals(machine: HealthyMachine, more: Sequence[Proposal]) -> HealthyMachine:
-    """Return a healthy machine with effects of which its recordings show nothing, such as the jumps of a reading."""
+    """Return a healthy machine with further effects that its recordings do not show, such as the jumps of a reading."""
     old, whole = machine.layout, machine.machine
     if not more:
         return machine
@@ -707,7 +721,7 @@ def with_proposals(machine: HealthyMachine, more: Sequence[Proposal]) -> Healthy
 def with_variation(machine: HealthyMachine, everyday: Mapping[str, float]) -> HealthyMachine:
     """Return a healthy machine with another run-to-run variation.
 
-    everyday: of effects by name, in least plausible magnitudes
+    everyday: variation of effects by name, in least plausible magnitudes
     """
     layout, variation = machine.layout, machine.machine.variation.copy()
     for p, columns in zip(layout.proposals, layout.places, strict=True):
@@ -720,11 +734,11 @@ def with_variation(machine: HealthyMachine, everyday: Mapping[str, float]) -> He
 
 
 def quiet_blocks(layout: ColumnLayout, rows: Sequence[TorqueRows], recordings: Sequence[Recording]) -> list[Mask]:
-    """Return the blocks (B,) of each recording that show the machine itself: without contact and unknown loads.
+    """Return the blocks (B,) of each recording without contact and unknown loads.
 
     Least trimmed squares (Rousseeuw & Van Driessen 2006): the model's parameters are fitted to the quarter of the
-    blocks with the least residual, from a fit to each of many single blocks on. Then every block counts in which no
-    plausible load or force at the teeth is significant. All blocks of recordings that are nothing but work count.
+    blocks with the least residual, starting from many single blocks. Then all blocks count in which no plausible load
+    or force at the teeth is significant. If no block would remain, all count.
     """
     blocks, loads = [], []
     for r, each in zip(rows, recordings, strict=True):
@@ -738,7 +752,7 @@ def quiet_blocks(layout: ColumnLayout, rows: Sequence[TorqueRows], recordings: S
 
 
 def _without_blocks(rows: TorqueRows, kept: Mask) -> TorqueRows:
-    """Return the rows with NaN residuals in the blocks (B,) that do not count."""
+    """Return the rows with NaN residuals in the blocks (B,) that are not kept."""
     on = np.repeat(kept, BLOCK_ROWS)[: len(rows.t)]
     return replace(rows, residual=np.where(on[:, None], rows.residual, np.nan))
 
@@ -752,7 +766,11 @@ TRIM_ROUNDS = 20
 
 @dataclass(frozen=True)
 class _Trimmed:
-    """Least trimmed squares of blocks (B, BLOCK_ROWS, R, P' + I + 1): own columns, incidental ones, the residual."""
+    """Least trimmed squares of blocks.
+
+    layout: order of the columns
+    blocks: (B, BLOCK_ROWS, R, P' + I + 1) own columns, incidental ones, the residual
+    """
 
     layout: ColumnLayout
     blocks: Array
@@ -775,7 +793,7 @@ class _Trimmed:
         return np.diag(self.layout.unit[: self._size] ** -2.0)
 
     def kept(self) -> Mask:
-        """Return which blocks (B,) count, or say nothing anyhow."""
+        """Return the blocks (B,) that count; blocks without usable rows are included."""
         usable = np.any(self._rows > 0.0, axis=1)
         if not np.any(usable):
             return np.asarray(~usable)
@@ -800,7 +818,10 @@ class _Trimmed:
         return values, scale
 
     def _quietest(self, kept: Mask) -> tuple[Mask, float]:
-        """Return the blocks with QUIET_SHARE of the rows and the least residual, from a fit to `kept` on; its log."""
+        """Return the blocks with QUIET_SHARE of the rows and the least residual, and the log of their residual.
+
+        kept: blocks to which the first fit is made
+        """
         rows, scale = self._rows.sum(axis=1), np.ones(self._rows.shape[1])
         enough = self._rows.sum(axis=0) > self._size
         for _ in range(TRIM_ROUNDS):
@@ -816,15 +837,15 @@ class _Trimmed:
     def _working(self, kept: Mask) -> Mask:
         """Return the blocks (B,) in which a load or a force at the teeth is plausible and significant.
 
-        It stands out against the residual and against how well the kept blocks tell the machine, as if all samples of a
-        block erred alike.
+        Significance is relative to the residual and to the uncertainty of the machine fitted to the kept blocks. All
+        samples of a block are assumed to have the same error.
         """
         values, scale = self._fit(kept)
         unit, size = scale * np.sqrt(BLOCK_ROWS), self._size
         own = self.blocks[..., :size] / unit[:, None]
         residual = (self.blocks[..., -1] - self.blocks[..., :size] @ values) / unit
         each = np.einsum("brij,r->bij", self._products[..., :-1, :-1], unit**-2.0)
-        outside = ~kept[:, None, None]  # these say nothing of the machine yet
+        outside = ~kept[:, None, None]  # these are not in the fit of the machine yet
         whole = each[kept].sum(axis=0) + self._prior + np.where(outside, each, 0.0)
         own_residual = np.where(outside, np.einsum("btri,btr->bi", own, residual, optimize=True)[..., None], 0.0)
         found = np.zeros(len(self.blocks), dtype=np.bool_)
@@ -844,14 +865,16 @@ class _Trimmed:
 
     @staticmethod
     def _disturbances() -> list[tuple[list[int], slice, float]]:
-        """Return columns, those of the magnitude, and the least plausible magnitude, of a load and of a tool force."""
+        """Return the columns of a load and of a tool force, with the slice of the magnitude and its least plausible
+        value.
+        """
         loads = [INCIDENTAL.index(name) for name in ("load.mass", "load.X", "load.Z")]
         tips = [INCIDENTAL.index(f"tip.{axis}.{k}") for k in range(SHAPES) for axis in "xz"]
         return [(loads, slice(0, 1), PayloadSpill().about.low), (tips, slice(None), TipForce().about.low)]
 
 
 def _energy(products: Array, values: Array) -> Array:
-    """Return the sums of squares (..., R) that values (P,) leave."""
+    """Return the sums of squares (..., R) of the residual with values (P,)."""
     left = np.append(-values, 1.0)
     return np.asarray(np.maximum(np.einsum("...ij,i,j->...", products, left, left, optimize=True), 0.0))
 
@@ -879,7 +902,7 @@ REGIMES = (
 
 
 def regime(name: str, rows: TorqueRows, recording: Recording, cylinder: int, joint: int) -> Mask:
-    """Return which rows (T,) are of a regime of a joint and its cylinder."""
+    """Return the rows (T,) in a regime of a joint and its cylinder."""
     speed, angle = rows.speed[:, cylinder], rows.posture[:, joint]
     loaded = np.full(len(rows.t), recording.load_kg > 0.0)
     found: Mapping[str, NDArray[np.bool_]] = {

@@ -1,10 +1,11 @@
-"""Regressors of the diagnosis: the residual torque of a model along a recording, and the column that every effect adds.
+"""Regressors of the diagnosis: the residual torque of a model along a recording, and the column of each effect.
 
     residual = torque - base columns @ parameters
 
 All rows are computed at a fifth of the sampling rate, after the low-pass that the service applies first. The column of
 an effect is the torque [N m] that one unit of its magnitude adds to the residual. Laws of force and torque give it
-directly; errors of sensors and of geometry by a central difference of the residual."""
+directly. For errors of sensors and of geometry it is a central difference of the residual.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -78,16 +79,16 @@ TYPICAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(share * size for share in COURSE 
 FREE_TORQUE = 5e3
 DEAD_SLEW = 0.01  # rad/s, below which a slew sensor may be dead
 LATE_STEP = 0.01  # s, of the difference quotient by the clock
-LIGHTEST = 1e-9  # kg: stands for no load in a quotient
+LIGHTEST = 1e-9  # kg: replaces a mass of zero in a quotient
 
 
 @dataclass(frozen=True)
 class TorqueRows:
-    """TorqueRows of a recording: T rows, R measured joints, C cylinders, N links.
+    """Rows of a recording: T rows, R measured joints, C cylinders, N links.
 
     base:       (T, R, P) columns of the model's parameters
     bars:       (T, R, Q) columns of the bars of linkages
-    effects:    (T, R, E) columns of the effects that last, in the order of the proposals
+    effects:    (T, R, E) columns of the lasting effects, in the order of the proposals
     incidental: (T, R, I) columns of a load, of the clock, of forces at the teeth, of slewing, of free torques
     residual:   (T, R) residual torque [N m]; NaN where not usable
     t:          (T,) time since the start of the file [s]
@@ -109,12 +110,15 @@ class TorqueRows:
     base_rate: Array
 
     def first(self, count: int) -> "TorqueRows":
-        """Return the first rows."""
+        """Return the first `count` rows."""
         return TorqueRows(**{f.name: getattr(self, f.name)[:count] for f in fields(self)})
 
 
 def courses(share: Array) -> Array:
-    """Return the polynomials (SHAPES, T) of an incident's course at `share` (T,) 0..1 of a block, mean square one."""
+    """Return the polynomials (SHAPES, T) of an incident's course, mean square one.
+
+    share: (T,) position in a block, 0..1
+    """
     return np.asarray(legvander(2.0 * share - 1.0, SHAPES - 1).T * np.sqrt(2.0 * np.arange(SHAPES) + 1.0)[:, None])
 
 
@@ -125,9 +129,9 @@ def typical_incidents(machine: Machine) -> Array:
 
 @dataclass(frozen=True)
 class _Laws:
-    """Laws of force and torque at their places, as one effect of the regressor.
+    """Laws of force and torque at their locations, as one effect of the regressor.
 
-    laws: each with the number of its place
+    laws: each with the number of its location
     t:    (T,) time [s]
     """
 
@@ -145,7 +149,7 @@ class _Laws:
 
 @dataclass(frozen=True)
 class _MovingBase:
-    """A motion of the base as an effect of the regressor.
+    """Motion of the base as an effect of the regressor.
 
     effect: the motion
     rate:   (T,) rate of the base in the arm's plane [rad/s]
@@ -167,11 +171,11 @@ class _MovingBase:
 
 @dataclass(frozen=True)
 class _ColumnRun:
-    """A recording on its way to columns.
+    """Inputs for the columns of a recording.
 
     recording:  the recording
     parameters: (P,) of the machine with its known load
-    change:     residuals of readings or machines that differ
+    change:     sensitivity of the residual to readings and machines
     base_rate:  (T,) rate of the base [rad/s]
     """
 
@@ -183,7 +187,7 @@ class _ColumnRun:
 
 @dataclass(frozen=True)
 class Regressors:
-    """Computes the rows of recordings for one model.
+    """Computation of the rows of recordings for one model.
 
     model:      the model
     parameters: (P,) values of its parameters
@@ -198,17 +202,17 @@ class Regressors:
 
     @property
     def rows_hz(self) -> float:
-        """TorqueRows a second: ROWS_HZ, or next to it where the service's rate is no multiple of that."""
+        """Rows per second: ROWS_HZ, or the nearest rate of which the service's is a multiple."""
         return self.model.filters.rate_hz / self._thin
 
     @cached_property
     def weighed(self) -> Machine:
-        """The machine with the masses of its parameters: some readings err by the weight that they carry."""
+        """Machine with the masses of its parameters: the error of some readings depends on the weight."""
         return with_parameters(self.model.machine, self.parameters[: 3 * self.model.machine.size])
 
     @cached_property
     def slow(self) -> Model:
-        """The model at the diagnosis' rate."""
+        """Model at the diagnosis' rate."""
         filters = self.model.filters._replace(rate_hz=self.rows_hz)
         return Model(self.model.machine, filters, self.model.friction)
 
@@ -234,7 +238,7 @@ class Regressors:
 
     @cached_property
     def regressor(self) -> FilteredRegressor:
-        """The filtered columns of the model's parameters and of the bars of linkages."""
+        """Filtered columns of the model's parameters and of the bars of linkages."""
         return self._filtered(*self._bars)
 
     @property
@@ -249,14 +253,14 @@ class Regressors:
         """Latency of a row behind its samples [s]."""
         return self.channel_lag + self.regressor.delay
 
-    # TorqueRows
+    # Rows
 
     def rows(
         self, recording: Recording, proposals: Sequence[Proposal], lost: NDArray[np.bool_] | None = None
     ) -> TorqueRows:
-        """Return the rows of a recording, with one column of each size of the proposals.
+        """Return the rows of a recording, with one column for each size of the proposals.
 
-        lost: (T', R) which rows are not usable, of as many or more; None: computed from levers, end stops and rest
+        lost: (T'', R) rows that are not usable, T'' >= T'; None: computed from levers, end stops and rest
         """
         values, late = recording.values, slice(self.slow.settle_steps, None)
         moved = self.slow.channels.run(self.thinned(values))
@@ -294,7 +298,7 @@ class Regressors:
         )
 
     def column_source(self, recording: Recording, rows: TorqueRows) -> "ColumnSource":
-        """Return what computes the column of one more effect along a recording with known rows."""
+        """Return the source of the columns of further effects along a recording with computed rows."""
         values = recording.values
         moved = self.slow.channels.run(self.thinned(values))
         parameters = self.parameters + self._carried(recording.load_kg, rows.base, rows.residual)
@@ -303,9 +307,9 @@ class Regressors:
         return ColumnSource(self, run, moved, recording.begins_s + (steps - 0.5) / self.slow.filters.rate_hz)
 
     def residual(self, recording: Recording, lost: NDArray[np.bool_]) -> Array:
-        """Return the residual (T', R) [N m] alone, without the mass of the known load.
+        """Return only the residual (T', R) [N m], the mass of the known load subtracted.
 
-        lost: (T'', R) which rows are not usable, of as many or more
+        lost: (T'', R) rows that are not usable, T'' >= T'
         """
         motion = self.slow.channels.run(self.thinned(recording.values)).motion
         parameters = self.parameters + self.model.load[:, 0] * recording.load_kg
@@ -317,7 +321,7 @@ class Regressors:
         return np.asarray(np.logical_or(unusable(self.slow, moved), share > REST_SHARE))
 
     def _carried(self, load_kg: float, base: Array, residual: Array) -> Array:
-        """Return what a known load adds to the parameters (P,): errors of sensors depend on it.
+        """Return the contribution of a known load to the parameters (P,): errors of sensors depend on it.
 
         Its first moments and inertia are fitted to the residual (T, R), each row weighted by its rms.
         """
@@ -333,7 +337,7 @@ class Regressors:
         return np.asarray(self.model.load @ np.array([load_kg, *moments]))
 
     def base_rate(self, values: Array) -> Array:
-        """Return the rate (T',) [rad/s] of the base; the pitch without its noise, which would bias a regression."""
+        """Return the rate (T',) [rad/s] of the base, from a denoised pitch: its noise would bias a regression."""
         quiet = values.copy()
         for k, signal in enumerate(self.model.machine.signals):
             if signal.kind is Kind.PITCH:
@@ -360,7 +364,9 @@ class Regressors:
         )
 
     def _late_pressures(self, run: _ColumnRun) -> Array:
-        """Return the residual (T', R, 1) that pressures late by one second would add, by a difference quotient."""
+        """Return the change of the residual (T', R, 1) per second of latency of the pressures, by a difference
+        quotient.
+        """
         values, t = run.recording.values, np.arange(len(run.recording.values)) / self.model.filters.rate_hz
         pressures = [k for _, k in places(self.model.machine, Place.PRESSURE)]
 
@@ -376,7 +382,7 @@ class Regressors:
     def _columns(
         self, p: Proposal, effect: Fault, run: _ColumnRun, base: Array, t: Array, forces: Iterator[Array]
     ) -> Array:
-        """Return the columns (T', R, M) of one effect at its place."""
+        """Return the columns (T', R, M) of one effect at its location."""
         if isinstance(effect, ForceLaw | JointLaw):
             return next(forces)[..., None]
         if isinstance(effect, MassChange):
@@ -403,10 +409,10 @@ class Regressors:
         return plain.run(run.change.motion).columns
 
     def _difference(self, p: Proposal, effect: Fault, run: _ColumnRun) -> Array:
-        """Return the change of the residual with the magnitude, by a central difference.
+        """Return the derivative of the residual with respect to the magnitude, by a central difference.
 
-        measured = true + error: an error of readings adds what distorting them once more adds, an error of the machine
-        file what the true machine takes off.
+        measured = true + error. The column of an error of readings is the change when they are distorted once more;
+        that of an error of the machine file is the negative change with the true machine.
         """
         step = np.sqrt(effect.about.low * effect.about.high)
         values = run.recording.values
@@ -424,17 +430,17 @@ class Regressors:
     # Effects removed from readings, or switched on
 
     def corrected(self, recording: Recording, effects: Sequence[Imposed]) -> tuple["Regressors", Recording]:
-        """Return the regressors of the altered machine, and the recording with the errors of its sensors removed."""
+        """Return the regressors of the altered machine, and the recording with its sensor errors removed."""
         other = Regressors(replace(self.model, machine=altered(self.model.machine, effects)), self.parameters)
         values = undistorted(self.weighed, effects, recording.values, recording.times(self.model.filters.rate_hz))
         return other, replace(recording, values=values)
 
     def simulated(self, recording: Recording, rows: TorqueRows, effects: Sequence[Imposed], load: Array) -> TorqueRows:
-        """Return the rows as a machine with effects explains them: base, bars and residual along the true motion.
+        """Return the rows of a machine with effects: base, bars and residual along the true motion.
 
-        The effects are read as the simulated machine reads them, so that a wrong unit, sign, place or time shows. The
-        true motion is the one that the sensors' errors turn into the recorded one. Raises ValueError, in a sentence,
-        where the machine cannot do so.
+        The effects are read by the code of the simulated machine, so that a wrong unit, sign, location or time shows.
+        The true motion is the one that the sensors' errors distort into the recorded one. Raises ValueError, in a
+        sentence, where the machine cannot do so.
         load: (4,) mass [kg], first moments [kg m], inertia [kg m^2] of the known load
         """
         if not effects:
@@ -447,11 +453,11 @@ class Regressors:
 
 @dataclass(frozen=True)
 class ColumnSource:
-    """Computes the columns of single effects along a recording, such as of a law with another shape.
+    """Source of the columns of single effects along a recording, such as a law with another shape.
 
     regressors: of the model
-    run:        the recording
-    moved:      its motion
+    run:        inputs for the columns
+    moved:      motion of the recording
     t:          (T,) time [s]
     """
 
@@ -461,7 +467,7 @@ class ColumnSource:
     t: Array
 
     def columns(self, p: Proposal) -> Array:
-        """Return the columns (T', R, M) of an effect at its place."""
+        """Return the columns (T', R, M) of an effect at its location."""
         own, f, late = self.regressors, self.regressors.slow.filters, slice(self.regressors.slow.settle_steps, None)
         laws = tuple((e, p.where) for e in p.group if isinstance(e, ForceLaw | JointLaw))
         if laws:
@@ -481,10 +487,10 @@ class ColumnSource:
 
 @dataclass(frozen=True)
 class _Simulated:
-    """A machine with effects switched on, led along a true motion.
+    """Machine with effects switched on, along a true motion.
 
     regressors: of the altered machine
-    effects:    what is switched on
+    effects:    effects that are switched on
     parameters: (P,) with the known load
     load:       (4,) mass, first moments and inertia of the known load
     """
@@ -510,7 +516,7 @@ class _Simulated:
         return replace(rows, base=base[late].copy(), bars=bars[late].copy(), residual=residual)
 
     def _added(self, t: Array) -> Array:
-        """Return what the effects add to the parameters (T, P): masses of links, friction, changes of the load."""
+        """Return the change of the parameters (T, P) by the effects: masses of links, friction, changes of the load."""
         machine, model = self.regressors.slow.machine, self.regressors.slow
         found = np.zeros((len(t), len(self.parameters)))
         found[:, : 3 * machine.size] = added_parameters(machine, self.effects, t).reshape(len(t), -1)
@@ -529,7 +535,7 @@ class _Simulated:
         return np.asarray(found + (change[1] - change[0]) @ model.load.T)
 
     def _excess(self, moving: Motion, values: Array, t: Array) -> tuple[Array, Array]:
-        """Return momentum and static torque (T, R) of the effects, at times (T,)."""
+        """Return momentum and static torque (T, R) that the effects add, at times (T,)."""
         machine = self.regressors.slow.machine
         static = np.einsum("tcn,tc->tn", moving.lever, excess_force(self.effects, moving, t))
         static += excess_torque(machine, self.effects, moving, t)
@@ -539,7 +545,7 @@ class _Simulated:
         return momentum, static[:, machine.rows] + riding
 
     def _slewing(self, moving: Motion, t: Array) -> Array:
-        """Return the torque (T, N) of a slew that no sensor measures; it adds to the square of the rate."""
+        """Return the torque (T, N) of an unmeasured slew, whose square adds to the square of the rate."""
         squares, machine = unseen_slew(self.effects, t), self.regressors.slow.machine
         if not np.any(squares):
             return np.zeros_like(moving.q)
@@ -549,7 +555,7 @@ class _Simulated:
         return np.asarray(squares[:, None] * (columns @ np.array([known.get(name, 0.0) for name in names])))
 
     def _moving_base(self, moving: Motion, values: Array, t: Array) -> tuple[Array, Array]:
-        """Return momentum and static torque (T, R) of a base that moves."""
+        """Return momentum and static torque (T, R) of a moving base."""
         model = self.regressors.slow
         found = np.zeros((2, len(t), len(model.machine.rows)))
         for effect, each in base_motions(self.effects):
@@ -569,20 +575,21 @@ NEARBY = 8  # rows, on either side
 FEW_ROWS, FEW_BLOCKS_OF_LAW = 6, 6  # of a block; of a law
 COMMON_ERROR = 0.2e5  # Pa: by which a return pressure differs from one recording to the next
 EXACT, SCATTERED = 0.3e5, 1.5e5  # Pa: scatter of a law at least; a pressure that scatters more follows none
-USUAL_SPEED, STEEP = 0.1, 20e5  # m/s, Pa: a usual speed, and what the loss at that may be
-FARTHEST = 5.0  # standard errors, beyond which a level says no more
+USUAL_SPEED, STEEP = 0.1, 20e5  # m/s, Pa: a typical speed, and the largest loss at it
+FARTHEST = 5.0  # standard errors, beyond which the evidence of a level stays constant
 HUBER, WILD, LAW_ROUNDS = 1.5, 3.0, 15
 DISCHARGES = {Kind.HEAD_PRESSURE: -1.0, Kind.ROD_PRESSURE: 1.0}  # direction in which a chamber discharges oil
 
 
 @dataclass(frozen=True)
 class ReturnLaw:
-    """Pressure of a chamber that discharges oil while the pump drives its cylinder evenly: a + b |v| + c v^2.
+    """Return pressure of a chamber while the pump drives its cylinder evenly: a + b |v| + c v^2.
 
-    It is what valve and return line make at that speed, whatever the load. A torque cannot separate the zero of the
-    head side from that of the rod side, nor both from friction that differs between the directions; this can.
+    It is the pressure loss of valve and return line at that speed, whatever the load. A torque cannot separate the zero
+    of the head side from that of the rod side, nor both from friction that differs between the directions. This law
+    can.
     values:     (3,) [Pa], speed in USUAL_SPEED
-    covariance: (3, 3)
+    covariance: (3, 3) of the values
     scatter:    of blocks about the law [Pa]
     """
 
@@ -597,7 +604,7 @@ class ReturnLevel:
 
     blocks: (recording number, rows (n,)) of every block with an even, driven motion
     excess: (B,) pressure above the law [Pa]
-    error:  standard error of their mean [Pa]
+    error:  standard error of the mean excess [Pa]
     """
 
     blocks: tuple[tuple[int, NDArray[np.intp]], ...]
@@ -608,7 +615,7 @@ class ReturnLevel:
 def _discharging(
     machine: Machine, sensor: int, recording: Recording, rows: TorqueRows, rate_hz: float
 ) -> list[tuple[NDArray[np.intp], float, float]]:
-    """Return (rows, speed [m/s], pressure [Pa]) of every block in which a chamber discharges oil evenly."""
+    """Return (rows, speed [m/s], pressure [Pa]) of each block in which a chamber discharges oil evenly."""
     signal = machine.signals[sensor]
     v, force = rows.speed[:, signal.index], rows.force[:, signal.index]
     even = np.zeros(len(v), dtype=np.bool_)
@@ -634,7 +641,7 @@ def _speed_columns(speeds: Sequence[float]) -> Array:
 
 
 def return_laws(machine: Machine, seen: Sequence[tuple[Recording, TorqueRows]], rate_hz: float) -> dict[int, ReturnLaw]:
-    """Return the laws of recordings of a healthy machine, by the number of the pressure's signal."""
+    """Return the return laws of a healthy machine, by the number of the pressure's signal."""
     found = {}
     for sensor, signal in enumerate(machine.signals):
         if signal.kind not in DISCHARGES:
@@ -648,7 +655,7 @@ def return_laws(machine: Machine, seen: Sequence[tuple[Recording, TorqueRows]], 
 
 
 def _fitted_law(columns: Array, pressures: Array) -> ReturnLaw:
-    """Fit a law robustly (Huber's weights); the faster the oil, the more pressure it takes."""
+    """Fit a law robustly (Huber's weights); pressure increases with speed."""
     free = max(len(pressures) - 3, 1)
     root, values, scatter = np.ones(len(pressures)), np.zeros(3), EXACT
     away = pressures
@@ -668,7 +675,7 @@ def _fitted_law(columns: Array, pressures: Array) -> ReturnLaw:
 def return_levels(
     machine: Machine, laws: dict[int, ReturnLaw], seen: Sequence[tuple[Recording, TorqueRows]], rate_hz: float
 ) -> dict[int, ReturnLevel]:
-    """Return by how much the return pressures of recordings exceed the healthy machine's laws, by signal."""
+    """Return the excess of the return pressures over the healthy machine's laws, by signal."""
     found = {}
     for sensor, law in laws.items():
         blocks = [
@@ -695,7 +702,10 @@ def return_evidence(
     seen: Sequence[tuple[Recording, TorqueRows]],
     rate_hz: float,
 ) -> float:
-    """Return the evidence [nats] of return pressures for an error of a pressure sensor of that size, against none."""
+    """Return the evidence [nats] of return pressures for an error of a pressure sensor, against none.
+
+    size: size of the error [Pa]
+    """
     added = []
     for number, rows in level.blocks:
         recording, own = seen[number]

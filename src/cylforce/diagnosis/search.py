@@ -1,5 +1,8 @@
-"""The search for the most probable hypotheses: screening of all forms at once, a small beam of more and more effects,
-then the first ones again with their columns at the magnitudes found, and with their shape parameters refined."""
+"""Search for the most probable hypotheses.
+
+All forms are screened at once. A small beam of hypotheses with more and more effects follows. The best ones are
+examined again with their columns at the magnitudes found, and with their shape parameters refined.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -82,7 +85,11 @@ SETTLING = 4  # rounds in which the blocks of an incident are found
 
 @dataclass(frozen=True)
 class LoadStep:
-    """A known load becomes another one: in block `first` of all blocks, which does not count, until before `last`."""
+    """Change of a known load to another one.
+
+    first: block in which it changes, among all blocks; it does not count
+    last:  block before which the other load ends
+    """
 
     first: int
     last: int
@@ -90,25 +97,29 @@ class LoadStep:
 
 @dataclass(frozen=True)
 class Applied:
-    """An effect with the sizes (M,) [SI] for which recordings are corrected."""
+    """Effect for which recordings are corrected.
+
+    proposal: the effect
+    sizes:    (M,) its sizes [SI]
+    """
 
     proposal: Proposal
     sizes: Array
 
     @property
     def imposed(self) -> Imposed:
-        """The effect as the simulated machine has it."""
+        """The effect in the format of the simulated machine."""
         sizes = self.sizes / np.array([1.0, GROWTH_S]) if self.proposal.clock else self.sizes
         return Imposed(self.proposal.group, self.proposal.at, self.proposal.where, tuple(sizes.tolist()))
 
 
 @dataclass(frozen=True)
 class Refined:
-    """An effect whose shape parameters were refined.
+    """Effect with refined shape parameters.
 
     proposal: the effect with the refined shape
     columns:  (T, R, M) its columns along each recording
-    added:    (T', R, M) what the sensors' noise once more adds to its columns at the beginning of each recording
+    added:    (T', R, M) change of its columns from sensor noise added to each recording's beginning
     """
 
     proposal: Proposal
@@ -123,18 +134,18 @@ class Refined:
 
 @dataclass(frozen=True)
 class FieldQuestion:
-    """Recordings under diagnosis beside a healthy machine.
+    """Recordings under diagnosis, compared with a healthy machine.
 
     machine: the healthy machine
     seen:    the recordings, with the shared sensor noise of each
-    step:    when a known load may have changed
-    laid:    rows of each recording that count, in whole blocks; None: all rows of all
+    step:    possible change of a known load
+    laid:    rows of each recording that count, in whole blocks; None: all rows
     apart:   log probability of the rows that do not count
-    noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings took away
-    applied: what the recordings are corrected for, by form
+    noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings removed
+    applied: sizes for which the recordings are corrected, by form
     jumps:   evidence [nats] of the number of jumps of a reading, by its signal
     zeros:   readings of pressure sensors without pressure, by their signals
-    free:    whether the model's parameters are free, as those of somebody else's machine
+    free:    whether the model's parameters are free, because they may be another machine's
     refined: an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
@@ -157,7 +168,7 @@ class FieldQuestion:
 
     @cached_property
     def size(self) -> int:
-        """K', number of columns: those of the machine, where each load hangs, the change of a load."""
+        """K', number of columns: those of the machine, the centre of each load, the change of a load."""
         return self.machine.layout.size + CENTRE * len(self.loaded) + (len(STEP_COLUMNS) if self.step else 0)
 
     @cached_property
@@ -172,7 +183,7 @@ class FieldQuestion:
 
     @cached_property
     def blocks(self) -> list[Blocks]:
-        """The recordings' whitened rows with columns [K' | incidental | residual]."""
+        """Whitened rows of the recordings with columns [K' | incidental | residual]."""
         layout, first, found = self.machine.layout, 0, []
         for n, seen in enumerate(self.seen):
             rows, usable = seen.blocks.rows, seen.blocks.usable
@@ -207,7 +218,7 @@ class FieldQuestion:
 
     @cached_property
     def forms(self) -> tuple[Form, ...]:
-        """All that may be a cause and lasts; a change of load has columns where a step is considered."""
+        """Forms of all lasting effects that may be a cause; a change of load has columns only with a step."""
         found = []
         own = forms_of(self.machine.layout, self.dry_friction)
         first = self.size - len(STEP_COLUMNS)
@@ -225,13 +236,13 @@ class FieldQuestion:
 
     @cached_property
     def proposals(self) -> list[Proposal]:
-        """The proposals of the forms."""
+        """Proposals of the forms."""
         more = [self.refined.proposal] if self.refined else []
         return [*lasting(self.machine.layout), *more]
 
     @cached_property
     def dry_friction(self) -> Array | None:
-        """Dry friction (C,) [N] of the cylinders in these recordings, by the model; None where it is not known."""
+        """Modelled dry friction (C,) [N] of the cylinders in these recordings; None without a Coulomb law."""
         model, values = self.machine.regressors.model, self.machine.regressors.parameters
         if "coulomb" not in model.friction:
             return None
@@ -244,13 +255,16 @@ class FieldQuestion:
         return np.asarray(np.maximum(np.array(each), 0.0))
 
     def unit_of(self, form: int) -> Array:
-        """Return the typical sizes (M,) of the columns of a form."""
+        """Return the typical sizes (M,) of a form's columns."""
         if self.refined is not None and form == len(self.forms) - 1:
             return self.refined.unit
         return np.asarray(self.unit[list(self.forms[form].columns)])
 
     def gram(self, kept: Mask | None = None) -> Gram:
-        """Return the Gram of the recordings; kept: blocks (B,) that count, None: all."""
+        """Return the Gram of the recordings.
+
+        kept: blocks (B,) that count; None: all
+        """
         parts, first = [], 0
         for seen, blocks in zip(self.seen, self.blocks, strict=True):
             mask = None if kept is None else kept[first : first + len(blocks.rows)]
@@ -272,7 +286,10 @@ class FieldQuestion:
 
     @cached_property
     def knowledge(self) -> MachineKnowledge:
-        """The healthy machine with the columns that only these recordings have; parameters free if that is asked."""
+        """Statistics of the healthy machine with the columns that only these recordings have.
+
+        The variance of the model's parameters is increased by one where they are free.
+        """
         own, more = self.machine.machine, self.size - self.machine.layout.size
         covariance = np.zeros((self.size, self.size))
         covariance[: len(own.mean), : len(own.mean)] = own.covariance
@@ -304,7 +321,7 @@ class FieldQuestion:
         )
 
     def _refined_blocks(self, kept: Mask | None) -> list[tuple[Blocks, SharedNoise]]:
-        """Return the whitened columns of the refined effect in the blocks that count, and the noise that they share."""
+        """Return the whitened columns of the refined effect in the kept blocks, and their shared noise."""
         if self.refined is None:
             return []
         found, first, floor = [], 0, self.machine.floor
@@ -324,7 +341,10 @@ class FieldQuestion:
         return found
 
     def evidence_for(self, form: int, sizes: Array) -> float:
-        """Return the evidence [nats] for a form of sizes (M,) [SI] from return pressures, zeros and counts of jumps."""
+        """Return the evidence [nats] for a form from return pressures, zeros and counts of jumps.
+
+        sizes: (M,) of the form [SI]
+        """
         p = self.proposals[form]
         if p.name == GLITCH:
             return self.jumps.get(p.where, 0.0)
@@ -333,7 +353,7 @@ class FieldQuestion:
         level = self._return_levels.get(p.where) if p.about.place is Place.PRESSURE else None
         if level is None:
             return zero
-        size = float(f"{float(sizes[0]):.2g}")  # the evidence is smooth: so it is computed once for near sizes
+        size = float(f"{float(sizes[0]):.2g}")  # the evidence is smooth: it is computed once for sizes that round alike
         if (form, size) not in self._supports:
             machine, rate = self.machine.regressors.model.machine, self.machine.regressors.model.filters.rate_hz
             pairs = [(s.recording, s.rows) for s in self.seen]
@@ -358,7 +378,7 @@ class FieldQuestion:
 
     @cached_property
     def plain(self) -> Array:
-        """Coefficients (K'+1,) of the residual that is reported: the machine's columns, and where the loads hang."""
+        """Coefficients (K'+1,) of the reported residual: of the machine's columns and of the centres of the loads."""
         layout, found = self.machine.layout, np.zeros(self.size + 1)
         found[-1], found[: layout.size] = 1.0, -self.machine.values / layout.unit
         centres = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
@@ -370,7 +390,7 @@ class FieldQuestion:
         return found
 
     def beside(self, more: Array) -> Array:
-        """Return the coefficients (K'+1,) of the reported residual, where the loads hang fitted beside effects.
+        """Return the coefficients (K'+1,) of the reported residual, with the centres of the loads fitted given effects.
 
         more: (K',) sizes of the effects' columns
         """
@@ -386,9 +406,9 @@ class FieldQuestion:
         return found
 
     def residuals(self, values: Array | None = None) -> list[Array]:
-        """Return the residuals (T, R) [N m] with coefficients (K'+1,), by default those that are reported.
+        """Return the residuals (T, R) [N m] with coefficients (K'+1,), by default the reported ones.
 
-        Rows without a past for the whitening are NaN: nothing was fitted there.
+        Rows without a past for the whitening are NaN: they were not fitted.
         """
         coefficients = self.plain if values is None else values
         layout, found = self.machine.layout, []
@@ -406,11 +426,11 @@ class FieldQuestion:
         return found
 
     def corrected(self, applied: Sequence[tuple[int, Applied]]) -> "FieldQuestion":
-        """Return the question with effects, by number of their form, taken out of the readings at their sizes.
+        """Return the question with the readings corrected for effects.
 
-        The columns of all other effects stay as they are. The sensors' noise in residual and columns is what a
-        recording with noise once more has, corrected likewise: a correction may neither remove noise nor make it look
-        like an effect.
+        Columns of all other effects are kept. The sensors' noise in residual and columns is simulated by adding it
+        once more, corrected likewise: a correction must neither remove noise nor make noise resemble an effect.
+        applied: each effect with the number of its form
         """
         machine, layout = self.machine, self.machine.layout
         effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
@@ -449,10 +469,10 @@ class FieldQuestion:
     def _corrected_noise(
         self, before: Seen, after: Seen, effects: Sequence[Imposed], own: Sequence[Proposal], places: Sequence[int]
     ) -> Blocks:
-        """Return what the sensors' noise once more adds to a corrected recording.
+        """Return the change of a corrected recording's columns from sensor noise that is added to it.
 
-        The columns that stay have the noise of the recording as it was; the residual and the renewed columns that of
-        the corrected one, whose readings may be shifted in time.
+        Kept columns have the noise of the original recording. The residual and renewed columns have that of the
+        corrected one, whose readings may be shifted in time.
         own:    effects whose columns are renewed
         places: numbers of these columns among those of the effects
         """
@@ -481,7 +501,7 @@ def _energy_of(parts: Sequence[SharedNoise]) -> Array:
 
 
 def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
-    """Return hypotheses of more and more effects, as long as one effect more is worth its prior probability."""
+    """Return hypotheses with more and more effects, while one more is worth its prior probability."""
     beam = [case.hypothesis((), replace(case.machine.noise, variation=share)) for share in VARIATIONS]
     found: dict[tuple[int, ...], Hypothesis] = {(): max(beam, key=lambda h: h.log)}
     worth = -float(np.log(SECOND_EFFECT * (1.0 - HEALTHY - UNKNOWN_EFFECT) / max(len(wanted), 1)))
@@ -507,7 +527,7 @@ def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
 
 
 def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[int]:
-    """Return forms beside a hypothesis, the most promising first, each with the noise that would then be likeliest."""
+    """Return forms to be added to a hypothesis, the most promising first, each with its most probable noise."""
     state, named = case.state(base.noise), {case.forms[p].key for p in base.forms}
     free = [p for p in wanted if case.forms[p].key not in named and case.forms[p].columns]
     if not free:
@@ -524,9 +544,9 @@ def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[
 def _with_each(
     case: Likelihood, forms: tuple[int, ...], free: list[int], state: MarginalLikelihood
 ) -> tuple[Array, Array]:
-    """Return the residual with each of some forms (H, K+1) beside a hypothesis, and the parameters then (H, K).
+    """Return the residual with each of some forms (H, K+1) added to a hypothesis, and the parameters (H, K).
 
-    All forms with as many sizes are solved at once.
+    All forms with equally many sizes are solved at once.
     """
     follows, size = state.covariance @ state.known, len(state.score)
     whole = state.known - state.known @ follows
@@ -555,14 +575,14 @@ def _with_each(
 
 @dataclass(frozen=True)
 class BlockIncident:
-    """Something that happens in single blocks, alone or beside the effects of a hypothesis.
+    """Incident of single blocks, alone or besides the effects of a hypothesis.
 
-    key:    name and place; UNKNOWN of a free torque
+    key:      name and location; UNKNOWN of a free torque
     proposal: the effect
-    sizes:  (B,) its typical size in every block, 0 where it is absent
-    log:    log probability with the recordings, its blocks' prior included
-    rest:   residual at the worst joint beside it, in noise floors
-    before: the same without it
+    sizes:    (B,) its typical size in each block, 0 where it is absent
+    log:      log probability of the recordings with it, its blocks' prior included
+    rest:     residual at the worst joint with it, in noise floors
+    before:   residual at the worst joint without it, in noise floors
     nuisance: the nuisance of its blocks
     """
 
@@ -576,7 +596,7 @@ class BlockIncident:
 
     @property
     def share(self) -> float:
-        """Share of the blocks in which it happens."""
+        """Share of the blocks in which it is present."""
         return float(np.mean(self.sizes > 0.0))
 
     @property
@@ -592,7 +612,7 @@ def incidents(
     wanted: Callable[[Proposal], bool],
     beside: Hypothesis | None = None,
 ) -> list[BlockIncident]:
-    """Return every incident with the blocks in which it most probably happens, alone or beside a hypothesis.
+    """Return every incident with its most probable blocks, alone or besides a hypothesis.
 
     residual: coefficients (K'+1,) of the residual without it
     """
@@ -620,7 +640,7 @@ def incidents(
 
 
 def changed_load(question: FieldQuestion, case: Likelihood) -> LoadStep | None:
-    """Return when a known load most probably became another one; None without a known load."""
+    """Return the most probable change of a known load; None without a known load."""
     loaded = [(span, s) for span, s in zip(question.spans, question.seen, strict=True) if s.recording.load_kg]
     if not loaded:
         return None
@@ -643,7 +663,11 @@ def changed_load(question: FieldQuestion, case: Likelihood) -> LoadStep | None:
 
 
 def _step_gain(score: Array, information: Array, first: int, changed: int, end: int) -> float:
-    """Return the evidence [nats] that a load changes in a block, with where it hung unknown."""
+    """Return the evidence [nats] that a load changes in a block, the centre before and after it unknown.
+
+    first, end: blocks in which the load is known
+    changed:    block of the change
+    """
     parts = [(slice(first, end), 1), (slice(changed, changed + 1), 0), (slice(changed + 1, end), 0)]
     pulled = np.concatenate([score[part][:, axis:].sum(axis=0) for part, axis in parts])
 
@@ -656,20 +680,21 @@ def _step_gain(score: Array, information: Array, first: int, changed: int, end: 
     return float(log_evidence(pulled, whole) - log_evidence(pulled[:before], whole[:before, :before]))
 
 
-# Working recordings: unknown loads, and contact during which nothing is known
+# Working recordings: unknown loads, and contact with unknown forces
 
 
 @dataclass(frozen=True)
 class Spill:
-    """A part of an unknown load that fell out while nothing touched the teeth.
+    """Spill of an unknown load while the tool had no contact.
 
-    key, proposal: the effect
-    sizes:   (W, M) change of the load at each of W times [kg, kg m, kg m]
-    errors:  (W, M) standard errors
-    course:  (W, B) blocks after each time, until the load is gone
-    log:     log probability with the recordings
-    rest:    residual at the worst joint, in noise floors
-    before:  the same if no load lost a part
+    key:      name and location of the effect
+    proposal: the effect
+    sizes:    (W, M) change of the load at each of W times [kg, kg m, kg m]
+    errors:   (W, M) standard errors
+    course:   (W, B) blocks after each time, until the load is dumped
+    log:      log probability of the recordings
+    rest:     residual at the worst joint, in noise floors
+    before:   residual at the worst joint without a spill, in noise floors
     """
 
     key: Key
@@ -683,20 +708,20 @@ class Spill:
 
     @property
     def share(self) -> float:
-        """Number of times over the number of blocks."""
+        """Number of spills over the number of blocks."""
         return len(self.sizes) / int(self.course.shape[1])
 
 
 @dataclass(frozen=True)
 class Work:
-    """Recordings in which the machine works: only the stretches free of contact count, each beside one payload.
+    """Working recordings, of which only stretches without contact count, each with one payload.
 
     question: the recordings with these rows
-    case:     their likelihood beside the payloads
-    gaps:     (R,) residual beside the payloads before any effect, in noise floors
+    case:     their likelihood with the payloads
+    gaps:     (R,) residual with the payloads before any effect, in noise floors
     share:    share of the rows with contact or an unknown load
-    spill:    load that fell out; None if none did
-    names:    of the recordings that work
+    spill:    spill of a load; None if there was none
+    names:    of the working recordings
     """
 
     question: FieldQuestion
@@ -708,7 +733,10 @@ class Work:
 
 
 def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
-    """Return recordings with the stretches of those that may work; None where none is free of contact."""
+    """Return the recordings with only the contact-free stretches of some; None where no stretch is free of contact.
+
+    names: of the recordings that may be working recordings
+    """
     machine, unit, size = question.machine, np.append(question.unit, 1.0), question.size
     settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
     laid = list[NDArray[np.int_] | None]()
@@ -774,12 +802,12 @@ def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
 
 
 def _rows_of(stretches: Sequence[FreeStretch]) -> NDArray[np.int_]:
-    """Return the rows of stretches in whole blocks, one after the other; -1 is none."""
+    """Return the rows of stretches in whole blocks, one after the other; -1 for an empty row."""
     return np.concatenate([np.zeros(0, dtype=np.int_), *(stretch.blocks.ravel() for stretch in stretches)])
 
 
 def _shared_by_block(noise: SharedNoise, blocks: Blocks, typical: Array) -> Array:
-    """Return the shared noise (B, R, 1 + POLYNOMIALS, 4) of a load's columns in every block, the mean one per row."""
+    """Return the shared noise (B, R, 1 + POLYNOMIALS, 4) of a load's columns in each block, from its mean per row."""
     joints = blocks.usable.shape[2]
     if not len(noise.products):
         return np.zeros((len(blocks.rows), joints, 1 + POLYNOMIALS, 4))
@@ -798,7 +826,10 @@ def _spill(
     parts: list[tuple[int, int]],
     gaps: Array,
 ) -> Spill | None:
-    """Return what fell out of loads that are carried on, beside a healthy machine, of which a load seldom does so."""
+    """Return the spill of loads that are carried on; None without one.
+
+    A healthy machine's load seldom spills: the evidence is that of INCIDENT against SPILL.
+    """
     proposal = next((p for p in question.machine.layout.proposals if p.name == PayloadSpill().about.name), None)
     if proposal is None or not np.any(losses.fell):
         return None
@@ -826,11 +857,11 @@ def _spill(
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A hypothesis as it was examined.
+    """Examined hypothesis.
 
-    hypothesis: effects that last, with magnitudes
+    hypothesis: lasting effects, with magnitudes
     question:   the recordings, corrected for its effects
-    incident:   what happens in single blocks beside them
+    incident:   incident of single blocks besides them; None if there is none
     """
 
     hypothesis: Hypothesis
@@ -839,16 +870,16 @@ class Candidate:
 
     @property
     def log(self) -> float:
-        """Log probability with the recordings, without the prior of its effects."""
+        """Log probability of the recordings, without the prior of its effects."""
         return self.hypothesis.log
 
     @property
     def beside_contact(self) -> bool:
-        """Whether something happens in some blocks beside its effects."""
+        """True where some rows have an incident or contact besides its effects."""
         return self.incident is not None or self.question.laid is not None
 
     def counted(self) -> list[Mask]:
-        """Return which rows (T,) of each recording count: those without what happens beside its effects."""
+        """Return the rows (T,) of each recording that count: those without incident or contact."""
         found, question = [], self.question
         for n, (seen, span) in enumerate(zip(question.seen, question.spans, strict=True)):
             count = len(seen.rows.t)
@@ -863,11 +894,11 @@ class Candidate:
 
     @property
     def keys(self) -> frozenset[Key]:
-        """Name and place of its effects; all free torques are one."""
+        """Names and locations of its effects; all free torques are one."""
         return frozenset(self.key(p) for p in self.hypothesis.forms)
 
     def key(self, form: int) -> Key:
-        """Return name and place of a form."""
+        """Return name and location of a form."""
         key = self.question.forms[form].key
         return UNKNOWN if key[0] == UNKNOWN_TORQUE else key
 
@@ -879,14 +910,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Found:
-    """Everything that a search found.
+    """Result of a search.
 
-    question:    the recordings as they are
-    case:        their likelihood
-    candidates:  hypotheses of effects that last, with or without an incident beside; the healthy machine among them
-    incidents:   what happens in single blocks alone
-    gaps:        (R,) residual of each joint before any effect, in noise floors
-    work:        recordings in which the machine works; None where it does not
+    question:   the recordings, not corrected
+    case:       their likelihood
+    candidates: hypotheses of lasting effects, with or without an incident; the healthy machine among them
+    incidents:  incidents of single blocks, without lasting effects
+    gaps:       (R,) residual of each joint before any effect, in noise floors
+    work:       working recordings; None if there are none
     """
 
     question: FieldQuestion
@@ -898,13 +929,13 @@ class Found:
 
     @property
     def healthy(self) -> Candidate:
-        """The healthy machine."""
+        """Most probable hypothesis of a healthy machine."""
         plain = (c for c in self.candidates if not c.hypothesis.forms)
         return max((c for c in plain if self.work is not None or not c.beside_contact), key=lambda c: c.log)
 
 
 def without_gap(residual: Array, floor: Array | float = 1.0) -> Mask:
-    """Return which joints (R,) have no gap: a residual no larger than that of two recordings of a healthy machine."""
+    """Return the joints (R,) without a gap: the residual is as small as between two recordings of a healthy machine."""
     return np.asarray(residual**2 <= (1.0 + SAME_MACHINE) * floor**2)
 
 
@@ -914,7 +945,7 @@ def examined(
     watch: Callable[[str], None] = lambda _: None,
     gate: bool = True,
 ) -> Found:
-    """Search for what may explain the recordings.
+    """Search for effects that may explain the recordings.
 
     wanted: whether an effect may be a cause
     gate:   whether only effects that act at a joint with a gap are candidates
@@ -960,7 +991,7 @@ def examined(
 def _beside_contact(
     question: FieldQuestion, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
 ) -> list[Candidate]:
-    """Return hypotheses where the rows with contact do not count, as a hypothesis of one effect shows them."""
+    """Return hypotheses without the rows with contact, located by a hypothesis of one effect."""
     outside = _without_contact(question, case.under(base.forms, case.state(base.noise))[2])
     if outside is None:
         return []
@@ -968,9 +999,9 @@ def _beside_contact(
 
 
 def _without_contact(question: FieldQuestion, coefficients: Array) -> tuple[FieldQuestion, Likelihood] | None:
-    """Return the recordings without the rows with contact, and their likelihood, the other rows apart.
+    """Return the recordings without the rows with contact, and their likelihood; the other rows count apart.
 
-    Contact that begins within a block is no smooth force. None where there is no contact, or contact in most rows.
+    Contact that begins within a block is no smooth force. None where no row, or most rows, have contact.
     coefficients: (K'+1,) of the residual in which contact is searched
     """
     machine, size, unit = question.machine, question.size, np.append(question.unit, 1.0)
@@ -993,12 +1024,13 @@ def _without_contact(question: FieldQuestion, coefficients: Array) -> tuple[Fiel
 
 
 def _work(question: FieldQuestion, candidates: Sequence[Candidate], alone: Sequence[BlockIncident]) -> Work | None:
-    """Return the recordings as working ones where that is likelier than all that was found for each of them.
+    """Return the working recordings; None if there are none.
 
-    Every recording is judged by itself: a check-up counts in full beside a day of work.
+    A recording is a working one if that is more probable than every hypothesis found for it. Each is judged separately:
+    a check-up counts in full besides a working recording.
     """
     if without_gap(np.array([min(c.rest for c in candidates)]))[0]:
-        return None  # neither contact nor an unknown load is left to be explained
+        return None  # neither contact nor an unknown load remains to be explained
     files = list(dict.fromkeys(s.recording.name for s in question.seen))
     chosen = set[str]()
     for name in files:
@@ -1017,12 +1049,12 @@ def _work(question: FieldQuestion, candidates: Sequence[Candidate], alone: Seque
             continue
         outside = _without_contact(part, part.plain)
         if outside is None or outside[1].likeliest((), outside[1].machine.noise).log < idle.log:
-            chosen.add(name)  # contact in few rows and no load would leave the machine in the air
+            chosen.add(name)  # contact in few rows and no load explain less
     return at_work(question, frozenset(chosen)) if chosen else None
 
 
 def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Proposal], bool], gate: bool) -> Found:
-    """Return what may be a cause beside unknown loads; masses on the tool are such loads themselves."""
+    """Return hypotheses of effects besides unknown loads; masses on the tool are such loads themselves."""
     other, last = work.question, len(question.machine.regressors.model.machine.links) - 1
     allowed = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
     if gate:
@@ -1035,7 +1067,10 @@ def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Pro
 
 
 def _showing(question: FieldQuestion, case: Likelihood, allowed: list[int], still: Mask) -> list[int]:
-    """Return the forms whose largest torque is at a joint with a gap; what begins later, or is filtered, need not."""
+    """Return the forms whose largest torque is at a joint with a gap.
+
+    Effects that begin later or are filtered are exempt.
+    """
     found = []
     for k in allowed:
         form, p = question.forms[k], question.proposals[k]
@@ -1050,8 +1085,11 @@ def _showing(question: FieldQuestion, case: Likelihood, allowed: list[int], stil
 
 
 def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
-    """Return the candidates; the most probable ones also with their shape parameters refined, with their columns at
-    their magnitudes, and with one effect more beside the first of them."""
+    """Return the candidates, the most probable ones renewed at their magnitudes.
+
+    Their shape parameters are refined, their columns are computed at their magnitudes, and one more effect is tried
+    besides the first of them.
+    """
 
     def order(c: Candidate) -> float:
         return -c.log
@@ -1081,7 +1119,7 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
 def refined(candidate: Candidate) -> Candidate:
     """Return a candidate of one effect with its shape parameters refined: time constants, widths, powers, pivots.
 
-    Each parameter is searched from a coarse grid on, at half the distance in every round; the others stay.
+    Each parameter is searched from a coarse grid, at half the distance in each round; the others are kept.
     """
     question, (form,) = candidate.question, candidate.hypothesis.forms
     proposal, best = question.proposals[form], candidate
@@ -1115,7 +1153,7 @@ def refined(candidate: Candidate) -> Candidate:
 def _refined_by(
     question: FieldQuestion, proposal: Proposal, sources: Sequence[ColumnSource], twins: Sequence[ColumnSource]
 ) -> Refined:
-    """Return an effect with its columns along the recordings, and what the sensors' noise once more adds to these."""
+    """Return an effect with its columns along the recordings, and their change from added sensor noise."""
     columns = tuple(source.columns(proposal) for source in sources)
     noisy = [twin.columns(proposal) for twin in twins]
     plain = [
@@ -1126,7 +1164,7 @@ def _refined_by(
 
 
 def corrected(candidate: Candidate) -> Candidate:
-    """Return a candidate with its effects taken out of the readings at their magnitudes, until these stay.
+    """Return a candidate with the readings corrected for its effects, repeated until their magnitudes converge.
 
     Errors of sensors and of geometry are not linear in their magnitude.
     """
@@ -1149,7 +1187,10 @@ def corrected(candidate: Candidate) -> Candidate:
 
 
 def _applied(question: FieldQuestion, h: Hypothesis) -> list[tuple[int, Applied]]:
-    """Return the effects of a hypothesis that bend, with their sizes [SI], by number of their form."""
+    """Return the effects of a hypothesis that are errors of readings or geometry, each with the number of its form.
+
+    Their sizes are in SI units.
+    """
     found, k = [], 0
     for p in h.forms:
         form = question.forms[p]

@@ -1,11 +1,12 @@
 """Sufficient statistics of recordings: whitened rows in blocks of three seconds, and their Gram matrices.
 
-Of every joint r and block b, with columns X and residual y, both whitened by the noise floor:
+For each joint r and block b, with columns X and residual y, both whitened by the noise floor:
 
     whole[r]     = sum over rows of [X y]' [X y]
     smooth[r, k] = sum over blocks of [X y]' q_k q_k' [X y]      q_k: orthonormal polynomials of order k on the block
 
-so that a smooth discrepancy of any level can be marginalised later without touching the rows again."""
+A smooth discrepancy of any level is marginalised later from these, without the rows.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,16 +24,16 @@ from cylforce.signals.estimate import Array
 Mask = NDArray[np.bool_]
 Kind = TypeVar("Kind", bound=np.generic)
 FEWEST_ROWS = 2 * POLYNOMIALS  # of a block and joint, for polynomials to be fitted
-STATIONARY = 0.2  # share of a constant that the whitening passes at least: what is slow must not count as noise
+STATIONARY = 0.2  # least share of a constant that the whitening passes: a slow residual must not count as noise
 
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Noise of a healthy machine's residual, per measured joint.
+    """Noise of a healthy machine's residual, by measured joint.
 
     rms:    (R,) of the residual [N m]
-    memory: (R, MEMORY) autoregression: share of each of the last rows that predicts the next one
-    white:  (R,) rms of what the autoregression does not predict [N m]
+    memory: (R, MEMORY) autoregression: coefficients of the last rows that predict the next one
+    white:  (R,) rms of the prediction error [N m]
     """
 
     rms: Array
@@ -41,7 +42,7 @@ class NoiseFloor:
 
     @classmethod
     def of(cls, residuals: Sequence[Array]) -> "NoiseFloor":
-        """Return the noise floor that residuals (T, R) show; NaN separates stretches."""
+        """Return the noise floor of residuals (T, R); NaN separates stretches."""
         joints = range(residuals[0].shape[1])
         memory = np.array([_autoregression([e[:, r] for e in residuals]) for r in joints])
         rms = np.array([_rms(np.concatenate([e[:, r] for e in residuals])) for r in joints])
@@ -49,12 +50,14 @@ class NoiseFloor:
         return cls(rms, memory, np.array(white))
 
     def scaled(self, rms: Array) -> "NoiseFloor":
-        """Return the same colour with another rms (R,)."""
+        """Return the noise floor with another rms (R,) and the same colour."""
         return NoiseFloor(rms, self.memory, self.white * rms / self.rms)
 
 
 def predicted_off(x: Array, memory: Array) -> Array:
-    """Return x (T, ...) minus what its last samples predict; the first ones are NaN, as is what follows a NaN."""
+    """Return the prediction error of x (T, ...) given its last samples; NaN without a past, as at the start or after a
+    NaN.
+    """
     found = x.copy()
     for lag, share in enumerate(memory, 1):
         found[lag:] -= share * x[:-lag]
@@ -93,7 +96,7 @@ def rms(residuals: Sequence[Array]) -> Array:
 
 
 def in_blocks(rows: NDArray[Kind]) -> NDArray[Kind]:
-    """Return rows (T, ...) as blocks (B, BLOCK_ROWS, ...), filled up with zeros."""
+    """Return rows (T, ...) as blocks (B, BLOCK_ROWS, ...), padded with zeros."""
     count = -(-len(rows) // BLOCK_ROWS)
     padded = np.zeros((count * BLOCK_ROWS, *rows.shape[1:]), dtype=rows.dtype)
     padded[: len(rows)] = rows
@@ -103,7 +106,7 @@ def in_blocks(rows: NDArray[Kind]) -> NDArray[Kind]:
 def polynomials(usable: Mask) -> Array:
     """Return polynomials (B, BLOCK_ROWS, R, POLYNOMIALS), orthonormal on each block's usable rows (B, BLOCK_ROWS, R).
 
-    They are zero where FEWEST_ROWS are not reached.
+    They are zero in blocks with fewer than FEWEST_ROWS.
     """
     places = 2.0 * (np.arange(BLOCK_ROWS) + 0.5) / BLOCK_ROWS - 1.0
     shapes = np.asarray(legvander(places, POLYNOMIALS - 1), dtype=np.float64)
@@ -154,7 +157,7 @@ class Blocks:
         return np.asarray(self.usable.sum(axis=1, dtype=np.float64))
 
     def laid(self, rows: NDArray[np.int_]) -> "Blocks":
-        """Return some rows (M,), numbered through all blocks, in whole blocks; -1 stands for an empty row."""
+        """Return rows (M,), numbered over all blocks, in whole blocks; -1 stands for an empty row."""
         flat, usable = self.rows.reshape(-1, *self.rows.shape[2:]), self.usable.reshape(-1, self.usable.shape[2])
         there = rows >= 0
         shape = (len(rows) // BLOCK_ROWS, BLOCK_ROWS)
@@ -164,11 +167,11 @@ class Blocks:
         )
 
     def masked(self, kept: Mask) -> "Blocks":
-        """Return only the blocks (B,) that are kept."""
+        """Return the blocks (B,) that are kept."""
         return Blocks(self.rows[kept], self.usable[kept])
 
     def renewed(self, columns: Sequence[int], other: "Blocks") -> "Blocks":
-        """Return the rows of another recording with these columns as they are here; usable rows are the same."""
+        """Return the rows of another recording, except for some columns of this one; usable rows are the same."""
         rows = other.rows.copy()
         rows[..., list(columns)] = self.rows[..., list(columns)]
         return Blocks(rows, other.usable)
@@ -188,19 +191,19 @@ class SharedNoise:
 
     @classmethod
     def none(cls, joints: int, columns: int) -> "SharedNoise":
-        """Return no shared noise of so many columns, the residual included."""
+        """Return zero shared noise of `columns` columns, the residual included."""
         return cls(np.zeros((0, joints, 1 + POLYNOMIALS, columns)), np.zeros((0, joints)))
 
     @classmethod
     def of(cls, added: Blocks, columns: Sequence[int]) -> "SharedNoise":
-        """Return the shared noise of what the sensors' noise once more adds to whitened rows."""
+        """Return the shared noise from the change of whitened rows by added sensor noise."""
         noise = added.rows[..., [*columns, -1]].astype(np.float64)
         along = np.einsum("btrs,btrk->brsk", added.basis, noise, optimize=True)
         whole = np.einsum("btrk,btr->brk", noise, noise[..., -1], optimize=True)
         return cls(np.concatenate([whole[:, :, None], along * along[..., -1:]], axis=2), added.counts)
 
     def expected(self, counts: Array) -> Array:
-        """Return samples (B, R, 1 + POLYNOMIALS, K+1) that add up to the shared noise of rows (B', R)."""
+        """Return samples (B, R, 1 + POLYNOMIALS, K+1) whose sum is the shared noise of rows (B', R)."""
         rows = np.sum(counts, axis=0) / np.maximum(np.sum(self.counts, axis=0), 1.0)
         blocks = np.sum(counts > 0.0, axis=0) / np.maximum(np.sum(self.counts > 0.0, axis=0), 1.0)
         found = self.products * blocks[:, None, None]
@@ -219,10 +222,10 @@ class Gram:
     """Gram matrices of recordings with R joints and K columns in units of their typical size, the residual last.
 
     whole:  (R, K+1, K+1)
-    smooth: (R, POLYNOMIALS, K+1, K+1) its part along the polynomials
+    smooth: (R, POLYNOMIALS, K+1, K+1) along each polynomial
     rows:   (R,) usable rows
     blocks: (R,) blocks with usable rows
-    shared: (S, R, 1 + POLYNOMIALS, K+1) samples that add up to the sensor noise that columns and residual share
+    shared: (S, R, 1 + POLYNOMIALS, K+1) samples whose sum is the sensor noise that columns and residual share
     """
 
     whole: Array
@@ -251,7 +254,7 @@ class Gram:
 
     @classmethod
     def total(cls, each: Sequence["Gram"]) -> "Gram":
-        """Return the Gram matrices of several recordings together."""
+        """Return the sum of the Gram matrices of several recordings."""
         names = ("whole", "smooth", "rows", "blocks")
         whole, smooth, rows, blocks = (np.sum([getattr(g, name) for g in each], axis=0) for name in names)
         return cls(whole, smooth, rows, blocks, np.concatenate([g.shared for g in each]))
@@ -264,8 +267,8 @@ class Gram:
     def with_noise(self, energy: Array) -> "Gram":
         """Return the Gram with sensor noise (R, 1 + POLYNOMIALS) added to the residual's energy.
 
-        A correction of readings that removes noise must not be more probable by that. No more is added than there is
-        noise at all.
+        A correction of readings that removes noise must not become more probable by that. At most the energy of the
+        whole noise is added.
         """
         given = np.minimum(1.0, 1.0 / np.maximum(self.noise_energy, 1e-300))[:, None] * energy
         whole, smooth = self.whole.copy(), self.smooth.copy()
@@ -276,8 +279,8 @@ class Gram:
     def with_columns(self, blocks: Blocks, columns: Sequence[int], changed: Sequence[int], unit: Array) -> "Gram":
         """Return the Gram of blocks in which only some columns changed.
 
-        columns: of the blocks, all K of the Gram
-        changed: their numbers in the Gram; K stands for the residual
+        columns: all K columns of the Gram, by their numbers in the blocks
+        changed: numbers of the changed ones in the Gram; K stands for the residual
         """
         chosen, scale = [*columns, -1], np.append(unit, 1.0)
         rows = blocks.rows[..., chosen].reshape(-1, blocks.rows.shape[2], len(chosen)).astype(np.float64)

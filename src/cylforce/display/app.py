@@ -32,11 +32,12 @@ LISTED = 100  # bookings on the history page; chosen
 
 
 class PageSources(NamedTuple):
-    """What the pages need.
+    """Inputs of the pages.
 
     panel: sends commands
     records: path of the records; None: none
-    work, engineering: the two streams of pictures
+    work: stream of pictures for the operator
+    engineering: stream of pictures for the engineer
     now_us: clock [us]
     language: language of a browser that accepts none of ours
     unit: unit of masses where the address names none
@@ -52,9 +53,9 @@ class PageSources(NamedTuple):
 
 
 class Pages:
-    """The answers to all requests.
+    """Answers to all requests.
 
-    sources: what the pages need
+    sources: inputs of the pages
     """
 
     def __init__(self, sources: PageSources) -> None:

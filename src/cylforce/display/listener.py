@@ -93,7 +93,7 @@ class Listener:
         return self._bits
 
     def values(self, t_us: int) -> dict[str, float]:
-        """Return published SI values by name, NaN for "no value"; those of PDOs that are late or too short are
+        """Return published SI values by name, NaN for "no value"; those of outdated or short PDOs are
         missing.
         """
         published: dict[str, float] = {}

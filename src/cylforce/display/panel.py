@@ -58,7 +58,7 @@ class TruckState(NamedTuple):
     in_part: mass in the present part [kg]; None: as in the truck
     part: number of the part
     trailer: target of the trailer [kg]
-    unexplained: residual torque of the first measured joints [N m]; None: not known
+    unexplained: residual torque of the first measured joints [N m]; None: unknown
     """
 
     number: int
@@ -104,7 +104,7 @@ class Reply(NamedTuple):
 
 
 class Loading:
-    """The truck as it was read last.
+    """State of the truck at the last reading.
 
     known: its state; None before the service has answered, or when it no longer does
     buckets: the last buckets

@@ -25,7 +25,9 @@ LAST_SHARE = 1.2  # remaining mass below which the next bucket is the last, time
 class Marks(NamedTuple):
     """Settings of the page.
 
-    amber, green, red: share of the target from which on the bar has this colour
+    amber: share of the target from which on the bar is amber
+    green: share of the target from which on the bar is green
+    red: share of the target from which on the bar is red
     check_zero_min: minutes without a new zero after which the page reminds of it; 0: never
     """
 
@@ -143,7 +145,7 @@ def _number(value: float) -> float | None:
 
 
 def _points(shape: tuple[Place, ...] | list[Place]) -> list[tuple[float, float] | None]:
-    """Return corners [m], rounded to millimetres; None for what cannot be closed."""
+    """Return corners [m], rounded to millimetres; None where a linkage cannot be closed."""
     return [(round(z.real, 3), round(z.imag, 3)) if isfinite(abs(z)) else None for z in shape]
 
 

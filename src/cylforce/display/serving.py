@@ -34,11 +34,12 @@ STOP_S = 1  # s that open pages get when the program stops; chosen
 
 
 class Served(NamedTuple):
-    """What is served, and how.
+    """Settings of the server and of its pages.
 
     service: settings of the machine's service
     records: path of the records; None: none
-    host, port: address
+    host: host of its address
+    port: port of its address
     names: names under which it is reached
     pin: PIN for changes; "": none
     marks: settings of the page
@@ -77,7 +78,8 @@ class Display:
     """Bus, listener and panel, and the pictures made of them.
 
     panel: the operator's panel
-    work, engineering: the two streams of pictures
+    work: stream of pictures for the operator
+    engineering: stream of pictures for the engineer
     """
 
     def __init__(self, served: Served, bus: Bus) -> None:

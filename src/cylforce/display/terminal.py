@@ -71,9 +71,10 @@ def _force(force: Picture, language: str) -> str:
 
 
 def _bar(share: float, with_bucket: float) -> str:
-    """Return the target bar: the booked part, the bucket, and a mark at the target.
+    """Return the target bar: the booked share, the bucket, and a mark at the target.
 
-    share, with_bucket: share of the target that is booked, and with the bucket that was weighed
+    share: share of the target that is booked
+    with_bucket: the same with the bucket that was weighed
     """
     goal = round(WIDTH / FULL)
     booked, hanging = (min(WIDTH, max(0, round(WIDTH * part / FULL))) for part in (share, with_bucket))

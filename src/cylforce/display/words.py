@@ -1,4 +1,4 @@
-"""Every text of the page, in the available languages: a language is one folder, locale/LANGUAGE/."""
+"""Texts of the page in the available languages: a language is one folder, locale/LANGUAGE/."""
 
 from gettext import NullTranslations, translation
 from importlib.resources import files

@@ -8,15 +8,22 @@ from cylforce.signals.estimate import Array
 
 
 class Parameter(NamedTuple):
-    """Name (for example `stick.X`) and SI unit of one parameter."""
+    """Parameter of an effect.
+
+    name: for example `stick.X`
+    unit: in SI units
+    """
 
     name: str
     unit: str
 
 
 class Halves(NamedTuple):
-    """Columns (..., N, P) of N joints and P parameters: `static` [N m per unit of the parameter], `momentum` [N m s per
-    unit of the parameter], None for an effect without momentum. Torque = d/dt(momentum @ value) + static @ value."""
+    """Columns (..., N, P) of N joints and P parameters. Torque = d/dt(momentum @ value) + static @ value.
+
+    momentum: [N m s per unit of the parameter]; None for an effect without momentum
+    static:   [N m per unit of the parameter]
+    """
 
     momentum: Array | None
     static: Array
@@ -26,15 +33,17 @@ class Effect(Protocol):
     """One physical cause of force, linear in its parameters."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The P parameters that the effect has on this machine."""
+        """Return the P parameters that the effect has on this machine."""
         ...
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Columns of the parameters along a motion."""
+        """Return the columns of the parameters along a motion."""
         ...
 
 
 def depends_on(effect: object) -> tuple[str, ...]:
-    """Names of the quantities of a motion that an effect's columns depend on: what its class names as `depends_on`, or
-    any."""
+    """Return the names of the motion's quantities on which an effect's columns depend.
+
+    They are the `depends_on` of its class; without it all quantities.
+    """
     return tuple(getattr(effect, "depends_on", Motion._fields))

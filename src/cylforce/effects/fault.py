@@ -1,5 +1,7 @@
-"""Protocols of the effects by which a machine may differ from its model: how each is described, and the few ways in
-which it acts. Simulated machine and diagnosis call the same methods."""
+"""Protocols of the effects by which a machine may differ from its model: their description, and their ways of acting.
+
+Simulated machine and diagnosis call the same methods.
+"""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -17,7 +19,7 @@ from cylforce.signals.kinds import Kind
 
 
 class Place(StrEnum):
-    """Where an effect can sit."""
+    """Kind of location of an effect."""
 
     CYLINDER = "cylinder"
     PRESSURE = "pressure sensor"
@@ -29,12 +31,20 @@ class Place(StrEnum):
 
 
 class About(NamedTuple):
-    """Description of an effect: the `name` by which it is reported; `unit` (SI) of its size; the plausible range
-    `low`..`high` of the magnitude of its size; `sign` (1 or -1 where only that sign is possible, else 0); the `place`
-    where it sits; in which regimes it `shows`; the experiment that would `confirm` it; `axes`: how many of its sizes
-    are the components of that magnitude; `form`: relative standard
-    error of a size because the law itself is only approximate. It is at least 0.01: levers and areas, which
-    turn the size into torque, are not known better than to one percent."""
+    """Description of an effect.
+
+    name:    name in reports
+    unit:    SI unit of its size
+    low:     least plausible magnitude of its size
+    high:    largest plausible magnitude of its size
+    place:   kind of its location
+    shows:   regimes in which it is visible
+    confirm: experiment that would confirm it
+    sign:    1 or -1 where only that sign is possible, else 0
+    axes:    number of its sizes that are components of the magnitude
+    form:    relative standard error of a size because the law is only approximate; at least 0.01, the error of levers
+             and areas, which turn the size into torque
+    """
 
     name: str
     unit: str
@@ -65,14 +75,14 @@ class ShapeRange(NamedTuple):
     shift: float = 0.0
 
     def position(self, value: float) -> float:
-        """Place of a value between `low` (0) and `high` (1), in equal steps of the search."""
+        """Return the position of a value between `low` (0) and `high` (1), in equal steps of the search."""
         if not self.log:
             return (value - self.low) / (self.high - self.low)
         whole = log((self.high + self.shift) / (self.low + self.shift))
         return log((value + self.shift) / (self.low + self.shift)) / whole
 
     def value(self, position: float) -> float:
-        """Value at a position from 0 to 1; positions outside give the nearest end."""
+        """Return the value at a position from 0 to 1; positions outside give the nearest end."""
         share = min(max(position, 0.0), 1.0)
         if not self.log:
             return self.low + share * (self.high - self.low)
@@ -86,8 +96,10 @@ _known: dict[tuple[type, type], bool] = {}
 
 
 class Remembered(ProtocolType):  # type: ignore[misc] # its type is not public
-    """The type of a protocol that asks each class once whether its objects follow it: `typing` looks at every attribute
-    of every object anew, a tenth of the time that a diagnosis takes."""
+    """Type of a protocol that checks each class once whether its objects follow it.
+
+    `typing` checks every attribute of every object anew, which takes a tenth of the time of a diagnosis.
+    """
 
     def __instancecheck__(cls, instance: object) -> bool:  # noqa: N805 - a metaclass
         asked = cls, type(instance)
@@ -101,7 +113,7 @@ class Fault(Protocol, metaclass=Remembered):
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         ...
 
 
@@ -120,8 +132,12 @@ class ForceLaw(Fault, Protocol):
     """A force in one cylinder's own coordinate."""
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Additional force of the cylinder (T,) per unit of size, at its speed (T,) [m/s], its force (T,) [N] and the
-        time t (T,) [s] since the start of the recording."""
+        """Return the additional force of the cylinder (T,) [N] per unit of size.
+
+        speed: (T,) of the cylinder [m/s]
+        force: (T,) of the cylinder [N]
+        t:     (T,) time since the start of the recording [s]
+        """
         ...
 
 
@@ -131,8 +147,11 @@ class JointLaw(Fault, Protocol):
     (`moving.force`)."""
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Additional torques (T, N) [N m] that the cylinders supply, per unit of size, along a motion at times t (T,)
-        [s] since the start of the recording; `where`: number of the cylinder or link (see `places`)."""
+        """Return the additional torques (T, N) [N m] that the cylinders supply, per unit of size, along a motion.
+
+        t:     (T,) time since the start of the recording [s]
+        where: number of the cylinder or link (see `places`)
+        """
         ...
 
 
@@ -141,8 +160,12 @@ class Distortion(Fault, Protocol):
     """An error of a sensor: it changes the measured values, not the machine."""
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Values (T, S) of all signals as measured with an error of `size` at times t (T,) [s], from the `values`
-        without it; `where`: number of the signal, link or cylinder that has the error (see `places`)."""
+        """Return the values (T, S) of all signals as measured with an error of `size`.
+
+        values: (T, S) signals without the error
+        t:      (T,) time [s]
+        where:  number of the signal, link or cylinder that has the error (see `places`)
+        """
         ...
 
 
@@ -151,7 +174,7 @@ class Alteration(Fault, Protocol):
     """A geometry that differs from the machine file."""
 
     def altered(self, machine: Machine, where: int, size: float) -> Machine:
-        """The machine with an error of `size`; the same object where the machine has no such part."""
+        """Return the machine with an error of `size`; the same object where the machine lacks the component."""
         ...
 
 
@@ -170,7 +193,10 @@ class MassChange(Fault, Protocol):
         ...
 
     def change(self, machine: Machine, where: int) -> Array:
-        """(3N, M) change of (J, X, Z) of all links per unit of each size; `where`: number of the link."""
+        """Return the change (3N, M) of (J, X, Z) of all links per unit of each size.
+
+        where: number of the link
+        """
         ...
 
 
@@ -179,7 +205,7 @@ class GrowingMass(MassChange, Protocol):
     """Masses that come in the course of a recording, so slowly that they bring no momentum."""
 
     def grown(self, t: Array) -> Array:
-        """Share (T,) of the change that is there at times t (T,) [s] since the start of the recording."""
+        """Return the share (T,) of the change that is present at times t (T,) [s] since the start of the recording."""
         ...
 
 
@@ -193,13 +219,13 @@ class Share(Fault, Protocol):
         ...
 
     def course(self, t: Array) -> Array:
-        """Course of the change (T,) over the time t (T,) [s] since the start of the recording."""
+        """Return the course of the change (T,) over the time t (T,) [s] since the start of the recording."""
         ...
 
 
 @runtime_checkable
 class PartOfFriction(Fault, Protocol):
-    """A force that can be no more than a part of a cylinder's dry friction."""
+    """Force that is at most a share of a cylinder's dry friction."""
 
     @property
     def of_dry(self) -> float:
@@ -222,13 +248,16 @@ class BaseMotion(Fault, Protocol):
         ...
 
     def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
-        """Columns (..., N, M) along a motion, for links whose (J, X, Z) are `base` (..., N, 3); `turning` (...,)
-        [rad/s]: rate of the chassis in the arm's plane, which the rates of `moving` do not contain."""
+        """Return the columns (..., N, M) along a motion.
+
+        turning: (...,) rate of the chassis in the arm's plane [rad/s], which the rates of `moving` do not contain
+        base:    (..., N, 3) (J, X, Z) of the links
+        """
         ...
 
 
 class TimeCourse(StrEnum):
-    """How the sizes of an incident change with time."""
+    """Course of the sizes of an incident over time."""
 
     WINDOWS = "some stretches, each with sizes of its own"
     AFTER = "nothing before an instant, the same after it"
@@ -246,32 +275,36 @@ class Incident(Fault, Protocol):
 
     @property
     def course(self) -> TimeCourse:
-        """How their sizes change with time."""
+        """Course of the sizes over time."""
         ...
 
 
 def acting(law: ForceLaw | JointLaw, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-    """Torques (T, N) [N m] that the cylinders supply in addition, per unit of a law's size."""
+    """Return the torques (T, N) [N m] that the cylinders supply in addition, per unit of a law's size."""
     if isinstance(law, JointLaw):
         return law.torque(machine, moving, t, where)
     return np.asarray(law.force(moving.speed[:, where], moving.force[:, where], t)[:, None] * moving.lever[:, where, :])
 
 
 def rubbing(share: Share, where: int, cylinders: int) -> range:
-    """Numbers of the cylinders, of so many, whose friction a share changes: one, or, at the machine, all."""
+    """Return the numbers of the cylinders whose friction a share changes: one, or all at the machine.
+
+    cylinders: their number
+    """
     return range(where, where + 1) if share.about.place is Place.CYLINDER else range(cylinders)
 
 
 def shapes(group: tuple[Fault, ...]) -> tuple[ShapeRange, ...]:
-    """Continuous parameters of the shape of effects that act together: those of the first one."""
+    """Return the continuous shape parameters of a group of effects: those of the first one."""
     return group[0].shapes if isinstance(group[0], Shaped) else ()
 
 
 def shaped(group: tuple[Fault, ...], values: Mapping[str, float]) -> tuple[Fault, ...]:
-    """The group with other `values` of its fields, by name. The first effect takes all of them; the other effects take
-    those in which all effects of the group were alike.
+    """Return the group with other `values` of its fields, by name.
 
-    Raises ValueError for a name that is no field of the first effect."""
+    The first effect takes all of them; the others take those in which all effects of the group were alike. Raises
+    ValueError for a name that is no field of the first effect.
+    """
     if not values:
         return group
     first: Any = group[0]
@@ -290,16 +323,19 @@ STILL = 1e-4  # of a usual size: none
 
 
 def usual_sizes(effect: Fault) -> tuple[float, ...]:
-    """Usual sizes of an effect's columns, where it is."""
+    """Return typical sizes of an effect's columns."""
     if isinstance(effect, MassChange | BaseMotion):
         return effect.typical
     return (effect.about.high / 2.0,)
 
 
 def unnoticed_sizes(effect: Fault) -> tuple[float, ...]:
-    """Sizes of an effect's columns on a machine in order: of sensors and linkages the least plausible one, masses in
-    proportion; friction is never quite of the model's form; what grows, or moves the base, is on no machine in
-    order."""
+    """Return the sizes of an effect's columns on a healthy machine.
+
+    Sensors, linkages and laws of joint torque have the least plausible size, masses in proportion. Laws of cylinder
+    force have their typical size, because the model's laws are approximate. A growing mass or a motion of the base is
+    nearly absent.
+    """
     if isinstance(effect, BaseMotion | GrowingMass):
         return tuple(STILL * size for size in effect.typical)
     if isinstance(effect, MassChange):
@@ -321,8 +357,10 @@ PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 
 
 def places(machine: Machine, place: Place) -> tuple[tuple[str, int], ...]:
-    """(name, number) of every place of this kind on the machine: number of the cylinder, signal or link; 0 for the
-    machine as a whole."""
+    """Return name and number of every location of a kind on the machine.
+
+    The number is that of the cylinder, signal or link; 0 for the machine as a whole.
+    """
     if place in (Place.PRESSURE, Place.ANGLE, Place.SENSOR):
         kinds = {Place.PRESSURE: PRESSURES, Place.ANGLE: ANGLES, Place.SENSOR: PRESSURES + ANGLES}[place]
         return tuple((s.name, k) for k, s in enumerate(machine.signals) if s.kind in kinds)

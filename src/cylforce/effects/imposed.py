@@ -1,4 +1,4 @@
-"""Effects of the library switched on in the simulated machine: at a place, with sizes, for a time."""
+"""Effects of the library switched on in the simulated machine: at a location, with sizes, for a time."""
 
 from collections.abc import Mapping, Sequence
 from math import hypot, inf
@@ -44,8 +44,15 @@ CHANGED = {
 
 
 class Imposed(NamedTuple):
-    """A group of effects at the place named `at`, number `where`, with its `sizes` (SI), from `begin` to `end` [s] of
-    the run."""
+    """Group of effects, switched on.
+
+    group: the effects
+    at:    name of the location
+    where: number of the location
+    sizes: its sizes (SI)
+    begin: begin in the run [s]
+    end:   end in the run [s]
+    """
 
     group: Group
     at: str
@@ -55,11 +62,11 @@ class Imposed(NamedTuple):
     end: float = inf
 
     def during(self, t: Array) -> Array:
-        """1 at the times t (T,) [s] at which the effect acts, else 0."""
+        """Return 1 at the times t (T,) [s] at which the effect acts, else 0."""
         return np.where((t >= self.begin) & (t < self.end), 1.0, 0.0)
 
     def members(self) -> list[tuple[Fault, float]]:
-        """The effects of the group, each with its size."""
+        """Return the effects of the group, each with its size."""
         return list(zip(self.group, self.sizes, strict=False))
 
 
@@ -74,10 +81,13 @@ def imposed(
     end: float = inf,
     library: tuple[Group, ...] = LIBRARY,
 ) -> Imposed:
-    """The effect `name` of the library at the place `at` of the machine, from `begin` to `end` [s]; `value`: its size
-    (SI), or a list where it has several; `shape`: values of the effect's own fields, such as a width, by name.
+    """Return the effect `name` of the library at the location `at` of the machine, from `begin` to `end` [s].
 
-    Raises ValueError, in one sentence, for an unknown name, place or field and for an implausible size."""
+    value: its size (SI), or a list where it has several
+    shape: values of the effect's own fields, such as a width, by name
+
+    Raises ValueError, in one sentence, for an unknown name, location or field and for an implausible size.
+    """
     group = shaped(_named(machine, name, at, library), shape or {})
     about = group[0].about
     where = dict(places(machine, about.place))
@@ -92,7 +102,9 @@ def imposed(
 
 
 def units(group: Group) -> tuple[str, ...]:
-    """Units of all sizes of a group. A clock fault has two: the delay at its begin [s] and its growth [s/s]."""
+    """Return the units of all sizes of a group. A clock fault has two: the delay at its begin [s] and its
+    growth [s/s].
+    """
     first = group[0]
     if isinstance(first, MassChange | BaseMotion):
         return first.units
@@ -103,7 +115,7 @@ def units(group: Group) -> tuple[str, ...]:
 
 
 def _named(machine: Machine, name: str, at: str, library: tuple[Group, ...]) -> Group:
-    """The first group of that name, if possible one that can sit at that place."""
+    """Return the first group of that name, if possible one for that location."""
     found = [group for group in library if group[0].about.name == name]
     if not found:
         known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
@@ -112,7 +124,7 @@ def _named(machine: Machine, name: str, at: str, library: tuple[Group, ...]) -> 
 
 
 def _check(found: Imposed) -> None:
-    """Raises ValueError unless the number of sizes is right and their magnitude and sign are plausible."""
+    """Raise ValueError unless the number of sizes is right and their magnitude and sign are plausible."""
     about, wanted, sizes = found.group[0].about, units(found.group), found.sizes
     name = about.name
     if not 0.0 <= found.begin < found.end:
@@ -126,7 +138,7 @@ def _check(found: Imposed) -> None:
 
 
 def _check_part(machine: Machine, found: Imposed) -> None:
-    """Raises ValueError when the machine has no such part, or no sensor that would show the error."""
+    """Raise ValueError when the machine lacks the component, or the sensor that would read the error."""
     effect, values = found.group[0], np.zeros((2, len(machine.signals)))
     t = np.array([0.0, 1.0])
     nothing = (isinstance(effect, Alteration) and effect.altered(machine, found.where, 1e-3) is machine) or (
@@ -137,7 +149,7 @@ def _check_part(machine: Machine, found: Imposed) -> None:
 
 
 def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
-    """The machine with all geometry errors among `effects`."""
+    """Return the machine with all geometry errors among `effects`."""
     for each in effects:
         for effect, size in each.members():
             if isinstance(effect, Alteration):
@@ -146,7 +158,7 @@ def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
 
 
 def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
-    """Additional force of every cylinder (T, C) [N] at times t (T,) [s] of the run."""
+    """Return the additional force of every cylinder (T, C) [N] at times t (T,) [s] of the run."""
     force = np.zeros_like(moving.speed)
     for each in effects:
         for law, size in each.members():
@@ -157,7 +169,7 @@ def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
 
 
 def excess_torque(machine: Machine, effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
-    """Additional joint torques (T, N) [N m], by laws of the motion, at times t (T,) [s] of the run."""
+    """Return the additional joint torques (T, N) [N m], by laws of the motion, at times t (T,) [s] of the run."""
     torque = np.zeros_like(moving.q)
     for each in effects:
         for law, size in each.members():
@@ -167,8 +179,10 @@ def excess_torque(machine: Machine, effects: Sequence[Imposed], moving: Motion, 
 
 
 def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: str) -> Array:
-    """Factor (T, C) on the friction `law` of every cylinder at times t (T,) [s] of the run. An effect that changes dry
-    friction changes every law of the simulated machine."""
+    """Return the factor (T, C) on the friction `law` of every cylinder at times t (T,) [s] of the run.
+
+    An effect that changes dry friction changes every law of the simulated machine.
+    """
     level = np.ones((len(t), cylinders))
     for each in effects:
         for share, size in each.members():
@@ -178,13 +192,15 @@ def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: st
 
 
 def changed_laws(effects: Sequence[Imposed]) -> tuple[str, ...]:
-    """Names of the laws of friction whose identified coefficients change."""
+    """Return the names of the laws of friction whose identified coefficients change."""
     shares = [share for each in effects for share in each.group if isinstance(share, Share)]
     return tuple(dict.fromkeys(law for share in shares for law in share.laws))
 
 
 def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> Array:
-    """Additional base parameters (J, X, Z) of the links (T, N, 3) [kg m^2, kg m, kg m] at times t (T,) [s]."""
+    """Return the additional base parameters (J, X, Z) of the links (T, N, 3) [kg m^2, kg m, kg m] at times t
+    (T,) [s].
+    """
     found = np.zeros((len(t), machine.size, 3))
     for each in effects:
         weight = each.group[0]
@@ -196,12 +212,14 @@ def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> 
 
 
 def _changed(effect: Incident) -> list[str]:
-    """Keys of `CHANGED` that an incident changes; its own columns may be numbered, `slew.0`, `slew.1`, ..."""
+    """Return the keys of `CHANGED` that an incident changes; its own columns may be numbered, `slew.0`,
+    `slew.1`, ...
+    """
     return list(dict.fromkeys(what for column in effect.columns for what in CHANGED if column.startswith(what)))
 
 
 def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> Array:
-    """Sum of the incidents' sizes (T, K) at times t (T,) [s] for the K `wanted` keys of `CHANGED`."""
+    """Return the sum of the incidents' sizes (T, K) at times t (T,) [s] for the K `wanted` keys of `CHANGED`."""
     found = np.zeros((len(t), len(wanted)))
     for each in effects:
         effect = each.group[0]
@@ -213,9 +231,11 @@ def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> A
 
 
 def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> CarriedLoad:
-    """The load `carried`, changed by incidents (spilled, shifted) at times t (T,) [s]; its inertia is scaled with its
-    mass. What changes is the load that is in the bucket when an incident begins, until the bucket is emptied; the next
-    load is not changed. Raises ValueError when more is spilled than there is."""
+    """Return the load `carried`, changed by incidents (spilled, shifted) at times t (T,) [s].
+
+    An incident changes the load that is in the bucket when it begins, until the bucket is emptied; the next load is not
+    changed. The inertia is scaled with the mass. Raises ValueError when more is spilled than carried.
+    """
     changes = np.zeros((len(t), 3))
     for each in effects:
         wanted = np.array([_size(each, what) for what in ("load.mass", "load.X", "load.Z")])
@@ -231,9 +251,11 @@ def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> 
 
 
 def _still_carried(mass: Array, t: Array, begin: float) -> Array:
-    """Share (T,) of the load that was in the bucket at `begin` [s] that is still there at times t (T,) [s], from the
-    `mass` (T,) [kg] carried without incidents: 0 before, 0 from when the bucket is empty on. 1 where none is carried at
-    all: an unknown load."""
+    """Return the share (T,) of the load in the bucket at `begin` [s] that is still carried at times t (T,) [s].
+
+    It is 0 before `begin` and once the bucket is empty; 1 for an unknown load, without any mass.
+    mass: (T,) mass carried without incidents [kg]
+    """
     after = t >= begin
     if not np.any(mass > 0.0) or not np.any(after):
         return np.where(after, 1.0, 0.0)
@@ -245,19 +267,23 @@ def _still_carried(mass: Array, t: Array, begin: float) -> Array:
 
 
 def _size(each: Imposed, what: str) -> float:
-    """Size with which an incident changes the quantity `what`, a key of `CHANGED`."""
+    """Return the size with which an incident changes the quantity `what`, a key of `CHANGED`."""
     effect = each.group[0]
     changed = _changed(effect) if isinstance(effect, Incident) else []
     return each.sizes[changed.index(what)] if what in changed else 0.0
 
 
 def unseen_slew(effects: Sequence[Imposed], t: Array) -> Array:
-    """Square (T,) [rad^2/s^2] of the slew rate that the sensor does not measure, to be added to the measured one's."""
+    """Return the square (T,) [rad^2/s^2] of the slew rate that the sensor does not measure, to be added to the measured
+    one's.
+    """
     return _incidents(effects, t, ("slew",))[:, 0]
 
 
 def contact_force(effects: Sequence[Imposed], t: Array) -> Array:
-    """Force (T, 2) [N] of an obstacle or the soil on the teeth, x forward and z up, at times t (T,) [s] of the run."""
+    """Return the force (T, 2) [N] of an obstacle or the soil on the teeth, x forward and z up, at times t (T,) [s] of
+    the run.
+    """
     found = np.zeros((len(t), 2))
     for each in effects:
         effect = each.group[0]
@@ -270,12 +296,12 @@ def contact_force(effects: Sequence[Imposed], t: Array) -> Array:
 
 
 def base_motions(effects: Sequence[Imposed]) -> list[tuple[BaseMotion, Imposed]]:
-    """The effects among `effects` that move the body which carries the first link."""
+    """Return the effects among `effects` that move the body which carries the first link."""
     return [(effect, each) for each in effects for effect in each.group if isinstance(effect, BaseMotion)]
 
 
 def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
-    """Signals (T, S) with all sensor and clock errors among `effects`, at times t (T,) [s] of the run."""
+    """Return the signals (T, S) with all sensor and clock errors among `effects`, at times t (T,) [s] of the run."""
     for each in effects:
         during = each.during(t)[:, None] > 0.0
         for effect, size in each.members():
@@ -287,15 +313,17 @@ def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Ar
 
 
 def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
-    """Signals (T, S) without the sensors' errors: the error is that of the true values, so once more from values that
-    are nearly true."""
+    """Return the signals (T, S) without the sensors' errors.
+
+    The error depends on the true values: it is computed once more from values that are nearly true.
+    """
     against = [each._replace(sizes=tuple(-size for size in each.sizes)) for each in reversed(effects)]
     first = distorted(machine, against, values, t)
     return first + values - distorted(machine, effects, first, t)
 
 
 def _late(machine: Machine, values: Array, t: Array, each: Imposed) -> Array:
-    """Signals (T, S) in which all pressures are late by sizes[0] + sizes[1] (t - begin) [s]."""
+    """Return the signals (T, S) with all pressures delayed by sizes[0] + sizes[1] (t - begin) [s]."""
     found, late = values.copy(), each.sizes[0] + each.sizes[1] * np.maximum(t - each.begin, 0.0)
     for k, signal in enumerate(machine.signals):
         if signal.kind in PRESSURES:

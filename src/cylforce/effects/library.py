@@ -1,4 +1,4 @@
-"""The library of effects that the diagnosis knows, in the order in which they are tried."""
+"""Library of effects of the diagnosis, in the order in which they are tried."""
 
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
@@ -113,7 +113,12 @@ LIBRARY: tuple[Group, ...] = (
 
 
 class Proposal(NamedTuple):
-    """A group of effects at a place: name `at` and number `where` of the place."""
+    """Group of effects at a location.
+
+    group: the effects
+    at:    name of the location
+    where: number of the location
+    """
 
     group: Group
     at: str
@@ -136,67 +141,69 @@ class Proposal(NamedTuple):
 
     @property
     def unnoticed(self) -> tuple[float, ...]:
-        """The same as they are on a machine in order."""
+        """Sizes of all columns of a lasting effect on a healthy machine; none of an incident."""
         return () if self.course else tuple(size for effect in self.group for size in unnoticed_sizes(effect))
 
     @property
     def rubs(self) -> bool:
-        """Whether it is a force in one cylinder's own coordinate."""
+        """True where it is a force in one cylinder's own coordinate."""
         return isinstance(self.group[0], ForceLaw)
 
     @property
     def rides(self) -> bool:
-        """Whether it is a motion of the body that carries the first link."""
+        """True where it is a motion of the body that carries the first link."""
         return isinstance(self.group[0], BaseMotion)
 
     @property
     def weighs(self) -> bool:
-        """Whether it is a mass that differs from the data sheet."""
+        """True where it is a mass that differs from the data sheet."""
         return isinstance(self.group[0], MassChange)
 
     @property
     def bends(self) -> bool:
-        """Whether its columns depend on its size: an error of readings, of the machine file or of clocks; not a torque
-        of which nothing is known, which only looks like one."""
+        """True where its columns depend on its size: an error of readings, of the machine file or of clocks.
+
+        It is not an unknown torque, which has only the interface of one.
+        """
         apart = isinstance(self.group[0], Distortion | Alteration) and self.name != UNKNOWN
         return apart or self.clock
 
     @property
     def of_dry(self) -> float | None:
-        """Largest plausible share of the dry friction, of an effect that is a part of it."""
+        """Largest plausible share of the dry friction, of an effect that is limited to it."""
         effect = self.group[0]
         return effect.of_dry if isinstance(effect, PartOfFriction) else None
 
     @property
     def shape(self) -> dict[str, Any]:
-        """Numbers that the form of the effect has besides its size, by name."""
+        """Shape parameters of the effect by name."""
         effect: Any = self.group[0]
         return {f.name: getattr(effect, f.name) for f in (fields(effect) if is_dataclass(effect) else ())}
 
     @property
     def incidents(self) -> tuple[str, ...]:
-        """Names of the columns of what begins at some instant (see `INCIDENTAL`); none of what lasts."""
+        """Names of the columns of an incident (see `INCIDENTAL`); none of a lasting effect."""
         effect = self.group[0]
         return effect.columns if isinstance(effect, Incident) else ()
 
     @property
     def clock(self) -> bool:
-        """Whether it is clocks that are apart: of all readings, after whatever else is wrong with them."""
+        """True where it is a clock fault, which shifts all readings after their other errors."""
         return self.course is TimeCourse.CLOCK
 
     @property
     def course(self) -> TimeCourse | None:
-        """How the sizes of an incident change with time; None for an effect that lasts."""
+        """Course of the sizes of an incident over time; None for a lasting effect."""
         return _course(self)
 
 
 @lru_cache(maxsize=1024)  # more than there are on any machine
 def _course(proposal: Proposal) -> TimeCourse | None:
-    """Cached, because isinstance with a protocol takes longer than all that is done with its result."""
+    """Return the course of an incident; cached, because isinstance with a protocol takes longer than the rest."""
     effect = proposal.group[0]
     return effect.course if isinstance(effect, Incident) else None
 
 
 def proposals(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
-    """Every group of the library at every place where it can sit on this machine."""
+    """Return each group of the library at each location for it on this machine."""
     return tuple(Proposal(group, at, where) for group in library for at, where in places(machine, group[0].about.place))

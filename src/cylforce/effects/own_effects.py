@@ -1,5 +1,7 @@
-"""Check of effects that a user has written, before they are simulated or searched for: what is wrong with one, and
-what to do about it, in a sentence."""
+"""Check of effects that a user has written, before they are simulated or searched for.
+
+Each fault is one sentence with its cure.
+"""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -67,7 +69,7 @@ class Trial(NamedTuple):
 
 
 def check_groups(groups: Sequence[Any], taken: Collection[str], machine: Machine | None = None) -> None:
-    """Check effects that act together, group by group; on a test motion of the `machine` where it is known.
+    """Check effects that act together, group by group; with a `machine` also on a test motion.
 
     Raises ValueError that begins with the name of the class, for the first fault."""
     trial = None if machine is None else trial_motion(machine)
@@ -88,7 +90,7 @@ def check_groups(groups: Sequence[Any], taken: Collection[str], machine: Machine
 
 @contextmanager
 def _of_class(effect: object) -> Iterator[None]:
-    """Let a ValueError begin with the name of the effect's class."""
+    """Prefix a ValueError with the name of the effect's class."""
     try:
         yield
     except ValueError as error:
@@ -113,7 +115,7 @@ def check_effect(effect: object, taken: Collection[str]) -> None:
 
 
 def _check_about(about: About, taken: Collection[str]) -> None:
-    """Raises ValueError unless the description is complete."""
+    """Raise ValueError unless the description is complete."""
     given: dict[str, Any] = about._asdict()
     for field in ("name", "unit", "shows", "confirm"):
         if not isinstance(given[field], str) or not given[field].strip():
@@ -135,7 +137,7 @@ def _check_about(about: About, taken: Collection[str]) -> None:
 
 
 def _check_methods(effect: object) -> None:
-    """Raises ValueError unless the effect acts in one of the known ways."""
+    """Raise ValueError unless the effect has the methods of one of the protocols."""
     found = [protocol for protocol in PROTOCOLS if isinstance(effect, protocol)]
     acts = [name for name in COURSES if callable(getattr(effect, name, None))]
     if len(acts) > 1:
@@ -156,7 +158,7 @@ def _check_methods(effect: object) -> None:
 
 
 def _check_arguments(name: str, method: Callable[..., Any], wanted: tuple[str, ...]) -> None:
-    """Raises ValueError unless a method can be called with so many arguments, in that order."""
+    """Raise ValueError unless a method can be called with so many arguments, in that order."""
     given = [p for p in signature(method).parameters.values() if p.kind is not Parameter.KEYWORD_ONLY]
     named = tuple(p.name for p in given)
     if any(p.kind is Parameter.VAR_POSITIONAL for p in given) or named == wanted:
@@ -165,7 +167,7 @@ def _check_arguments(name: str, method: Callable[..., Any], wanted: tuple[str, .
 
 
 def _check_incident(effect: Incident) -> None:
-    """Raises ValueError unless an incident changes known columns in a known course."""
+    """Raise ValueError unless an incident changes columns of `INCIDENTAL` in a `TimeCourse`."""
     known = (*INCIDENTAL, *TORQUES)
     wrong = [column for column in effect.columns if column not in known]
     if wrong or not effect.columns:
@@ -175,7 +177,7 @@ def _check_incident(effect: Incident) -> None:
 
 
 def _check_shapes(group: tuple[Fault, ...]) -> None:
-    """Raises ValueError unless all parameters to be refined are numbers of the effect within their ranges."""
+    """Raise ValueError unless all parameters to be refined are numbers of the effect within their ranges."""
     for shape in shapes(group):
         if not isinstance(shape, ShapeRange):
             raise ValueError(f"its shapes hold {shape!r}: write ShapeRange(field, low, high)")
@@ -194,7 +196,7 @@ def _check_shapes(group: tuple[Fault, ...]) -> None:
 
 
 def trial_motion(machine: Machine) -> Trial:
-    """A motion of all joints of a machine, with pressures and readings that go with it."""
+    """Return a motion of all joints of a machine, with matching pressures and readings."""
     t = STEP_S * np.arange(STEPS, dtype=np.float64)
     low, high = working_range(machine).T
     waves = 0.5 + 0.25 * np.sin(np.outer(t, 1.5 + 0.5 * np.arange(machine.size)))
@@ -215,7 +217,7 @@ def trial_motion(machine: Machine) -> Trial:
 
 
 def _check_motion(effect: Fault, machine: Machine, trial: Trial) -> None:
-    """Raises ValueError unless the effect gives finite numbers of the right shape at all its places on the machine."""
+    """Raise ValueError unless the effect gives finite numbers of the right shape at all its places on the machine."""
     for at, where in places(machine, effect.about.place):
         try:
             found, wanted = _tried(effect, machine, trial, where)
@@ -230,7 +232,7 @@ def _check_motion(effect: Fault, machine: Machine, trial: Trial) -> None:
 
 
 def _tried(effect: object, machine: Machine, trial: Trial, where: int) -> tuple[Array, tuple[int, ...]]:
-    """What an effect makes of the test motion, and the shape that it must have."""
+    """Return the output of an effect on the test motion, and the shape that it must have."""
     count, t = len(trial.t), trial.t
     found: Array = np.zeros(count)
     wanted: tuple[int, ...] = (count,)

@@ -16,7 +16,12 @@ STEP = 1e-3  # s, of the finite differences for rate and acceleration; chosen: r
 
 
 class Swing(NamedTuple):
-    """Swing of the chassis about its pitch axis: `angle` [rad], `rate` [rad/s], `acceleration` [rad/s^2], each (T,)."""
+    """Swing of the chassis about its pitch axis.
+
+    angle:        (T,) [rad]
+    rate:         (T,) [rad/s]
+    acceleration: (T,) [rad/s^2]
+    """
 
     angle: Array
     rate: Array
@@ -24,8 +29,9 @@ class Swing(NamedTuple):
 
 
 def swing(effects: Sequence[Imposed], t: Array) -> Swing:
-    """The swing of the chassis at times t (T,) [s] of the run; zero unless an effect with a size different from zero
-    moves it."""
+    """Return the swing of the chassis at times t (T,) [s] of the run; zero unless an effect of nonzero size
+    moves it.
+    """
     found = np.zeros((3, len(t)))
     for _, each in base_motions(effects):
         if any(each.sizes):
@@ -35,7 +41,7 @@ def swing(effects: Sequence[Imposed], t: Array) -> Swing:
 
 
 def _swung(each: Imposed, t: Array) -> Array:
-    """Angle (T,) [rad] of the swing that one effect causes."""
+    """Return the angle (T,) [rad] of the swing that one effect causes."""
     inside = smooth(t, each.begin, each.begin + EASE)
     if each.end < inf:
         inside = inside * (1.0 - smooth(t, each.end - EASE, each.end))

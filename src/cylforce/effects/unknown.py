@@ -1,5 +1,8 @@
-"""What is no effect of the library, but what one must be better than before it is believed: torques at one joint of
-which nothing is known but that they last some seconds, or go with its angle, or with what other sensors say."""
+"""Unknown torques at one joint, with which the library's effects are compared.
+
+They last some seconds, or vary with the joint's angle, or with the readings of other sensors; otherwise they are
+arbitrary. A cause is named only if it is more probable than these.
+"""
 
 from dataclasses import dataclass
 
@@ -25,7 +28,7 @@ class UnknownTorque:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             NAME,
             "N m",
@@ -44,7 +47,7 @@ class UnknownTorque:
 
     @property
     def course(self) -> TimeCourse:
-        """How they change."""
+        """Course of the sizes over time."""
         return TimeCourse.WINDOWS
 
 
@@ -56,7 +59,7 @@ class PostureTorque:
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             NAME,
             "N m",
@@ -69,7 +72,7 @@ class PostureTorque:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The pressure on the joint's cylinder that makes the torque."""
+        """Return the signals (T, S) with the pressure or force of the joint's cylinder that makes the torque."""
         link, angle = machine.links[where], joint_angles(machine, values)[:, where]
         share = 2.0 * (angle - link.angle_low) / (link.angle_high - link.angle_low) - 1.0
         own = _cylinder(machine, where)
@@ -82,13 +85,13 @@ class PostureTorque:
 
 @dataclass(frozen=True, slots=True)
 class OthersPressure:
-    """A force in one joint's cylinder that goes with what the sensor of another one says."""
+    """Force in one joint's cylinder in proportion to the reading of another cylinder's sensor."""
 
     other: int = 0
 
     @property
     def about(self) -> About:
-        """What it says of itself."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             NAME,
             "of pressure",
@@ -101,7 +104,7 @@ class OthersPressure:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The cylinder's force with a share of another pressure on its head side."""
+        """Return the signals (T, S) with the cylinder's force plus a share of another pressure on its head side."""
         spans, own = machine.spans, _cylinder(machine, where)
         others = [k for k, s in enumerate(machine.signals) if s.kind in SIDES and where not in spans[s.index]]
         if own is None or self.other >= len(others):
@@ -110,12 +113,12 @@ class OthersPressure:
 
 
 def _cylinder(machine: Machine, where: int) -> int | None:
-    """The first cylinder that turns a joint."""
+    """Return the first cylinder that turns a joint."""
     return next((c for c, span in enumerate(machine.spans) if where in span), None)
 
 
 def _pushed(machine: Machine, values: Array, cylinder: int, push: Array) -> Array:
-    """Values (T, S) with a force (T,) [N] more of a cylinder."""
+    """Return the values (T, S) with an additional force (T,) [N] of a cylinder."""
     signal, found = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}, values.copy()
     if (Kind.FORCE_PIN, cylinder) in signal:
         found[:, signal[Kind.FORCE_PIN, cylinder]] += push

@@ -61,7 +61,7 @@ class Line(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def _prefix(channel: str, can_id: int) -> str:
-    """Return the part of a line between time and data, which all lines of an identifier have in common."""
+    """Return the text of a line between time and data, which all lines of an identifier have in common."""
     name = f"{can_id:03X}" if can_id <= 0x7FF else _flagged(can_id)
     return f") {channel} {name}#"
 
@@ -132,9 +132,7 @@ def parts(text: str) -> Parts | None:
 
 
 def parts_of(block: str) -> list[Parts] | None:
-    """Parse all lines of a block at once, which takes half the time; None if a line is not in the form that we
-    write.
-    """
+    """Parse all lines of a block at once, which takes half the time; None if a line is not in our own format."""
     matches = _OURS.findall(block)
     if len(matches) != block.count("\n") or not block.endswith("\n"):
         return None

@@ -1,7 +1,7 @@
 """A program's state as JSON and back, without loss: tuples, numbers, enumerations, arrays, bytes.
 
-A log that continues an earlier one begins with the state of the service at that moment, so that a replay of it alone
-gives the same bytes as the service gave.
+A log that continues an earlier one begins with the state of the service at that moment. A replay of it alone then gives
+the same bytes as the service gave.
 """
 
 from array import array

@@ -35,7 +35,7 @@ class Held(NamedTuple):
 def check_held(path: Path, pieces: Iterable[Table], late_s: Sequence[float]) -> Iterator[Table]:
     """Yield the pieces of a table. Raises RecordingError at the first piece that repeats the values of a signal.
 
-    late_s: of each signal, the age beyond which its value is late [s]
+    late_s: age beyond which a value is outdated, for each signal [s]
     """
     for piece in pieces:
         if repeating := held(piece, late_s):

@@ -2,7 +2,7 @@
 
 The header is JSON, eight bytes a line, on a pseudo-channel, in frames of an identifier unused by CANopen. Comment lines
 would be simpler, but wireshark refuses files that contain any. can-utils plays such a log when the bus is named
-(`canplayer -I LOG can0=can0`), which leaves the pseudo-channels out.
+(`canplayer -I LOG can0=can0`), which omits the pseudo-channels.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ _CHANNEL = re.compile(r"[A-Za-z][\w.-]{0,14}", re.ASCII)  # names of a bus that 
 
 
 class Header(BaseModel):
-    """What a replay needs before the first event.
+    """Data for a replay, before the first event.
 
     versions: versions on which the last digit of a result depends
     machine: path of the machine file, as given to the program that logged
@@ -257,8 +257,9 @@ class LogWriter:
             self._fail(self._error)
 
     def _drain(self) -> None:
-        """Run the writing thread. After an error, which leaves a hole in its file, nothing is written until a new file
-        begins.
+        """Run the writing thread.
+
+        An error makes a gap in its file: nothing is written until a new file begins.
         """
         while (order := self._blocks.get()) is not None:
             if isinstance(order, _NewFile):
@@ -313,7 +314,7 @@ class LogWriter:
 
     @staticmethod
     def _write(file: FileIO, block: bytes) -> None:
-        """Write all bytes: one call may write a part of them."""
+        """Write all bytes: one call may write fewer."""
         rest = memoryview(block)
         while rest:
             rest = rest[file.write(rest) :]

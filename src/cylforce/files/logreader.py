@@ -34,7 +34,7 @@ def read_events(
     period_us: period of the service's steps [us]
     channel: chooses one bus of several
     own_ids: identifiers of our node; frames with them become `Sent`
-    report: called with a sentence about what was left out
+    report: called with a sentence about omitted frames
     """
     header = log_header(path)
     if header is not None:

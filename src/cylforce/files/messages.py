@@ -35,7 +35,7 @@ class _CountedLines(TextIOWrapper):
 class _CountedObjects(BLFReader):
     """A BLF file that counts its objects of all kinds, as its header counts them.
 
-    python-can omits silently what it does not support, and what is missing between two containers.
+    python-can silently omits unsupported objects, and those missing between two containers.
 
     number: objects read so far
     """
@@ -66,9 +66,9 @@ def messages(path: Path, report: Report) -> Iterator[Line]:
     """Yield the classic frames of a recording.
 
     Channels are numbers from 0, times of .asc files begin near 0. Raises RecordingError when the file cannot be read.
-    An unfinished end, which a killed program leaves, is left out with a warning instead.
+    An unfinished end of a file, after a program was killed, is omitted with a warning instead.
 
-    report: called with a sentence about what was left out
+    report: called with a sentence about omitted frames
     """
     skipped = 0
     try:

@@ -47,9 +47,9 @@ def open_recording(
 
     Raises RecordingError, at once or while events are read.
 
-    mapping: how the table of another program is read
+    mapping: columns and units of another program's table
     channel: chooses the bus of a log that holds several
-    report: called with a sentence about what was left out
+    report: called with a sentence about omitted frames
     """
     recording = open_pieces(path, service, mapping, channel=channel, report=report)
     return recording if isinstance(recording, Events) else joined(list(recording))

@@ -13,7 +13,7 @@ NAMED = 20  # steps of a clock that are reported one by one, the others are coun
 
 
 def without_strays(frames: Iterable[Stamped], period_us: int, name: str, report: Report) -> Iterator[Stamped]:
-    """Yield the frames without strays, and report how many were left out.
+    """Yield the frames without strays, and report how many were omitted.
 
     A stray is stamped more than `period_us` from the frame before it and from the frame after it, which is nearer to
     the frame before. A smaller error moves a frame by less than a sample. Where an identifier repeats before the frames
@@ -50,7 +50,7 @@ def without_strays(frames: Iterable[Stamped], period_us: int, name: str, report:
 
 
 class _Strays:
-    """Counts frames that were left out, and notes the first of them."""
+    """Count of omitted frames, with the first of them."""
 
     def __init__(self, name: str, report: Report) -> None:
         self._name, self._report, self._count = name, report, 0

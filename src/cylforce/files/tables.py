@@ -23,7 +23,8 @@ class ColumnMap(NamedTuple):
 
     signal: name of the signal
     column: name of the column
-    scale, offset: conversion to SI
+    scale: factor of the conversion to SI
+    offset: offset of the conversion to SI
     """
 
     signal: str
@@ -33,7 +34,7 @@ class ColumnMap(NamedTuple):
 
 
 class TableMap(NamedTuple):
-    """How the table of another program is read; signals without an entry are columns of their own name.
+    """Columns and units of another program's table; signals without an entry are columns of their own name.
 
     time_column: name of the time column
     time_scale_s: seconds = cell * time_scale_s
@@ -66,7 +67,7 @@ def read_table(path: Path, signals: Sequence[str], mapping: TableMap | None = No
     ambiguous, a cell is no number or infinite, time does not increase, or there are fewer than two rows; it names the
     file and the line (of a CSV) or row (of Parquet, from 1).
 
-    mapping: how the table of another program is read
+    mapping: columns and units of another program's table
     """
     return joined(list(table_pieces(path, signals, mapping)))
 

@@ -9,7 +9,7 @@ def read_text(path: Path, cure: str, error: type[Exception] = RecordingError) ->
     """Return the text of a file in UTF-8, without a byte order mark.
 
     A pipe, whose reading may never end, and a file larger than any settings are refused.
-    cure:  what to give instead
+    cure:  cure in the error's text
     error: class of the error, whose text names the file and the cure
     Raises error.
     """

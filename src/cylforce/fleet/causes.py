@@ -31,10 +31,10 @@ class ChangeCause(NamedTuple):
     """A possible cause of a change in a machine with K quantities.
 
     name: name in the library of effects
-    at: place: link, cylinder or sensor
+    at: location: link, cylinder or sensor
     unit: unit of its size
     directions: (K, M) directions in which the quantities move; the first one is that of its size
-    spreads: (G, M) prior standard deviations of the sizes; each of the G sets is as probable as the others
+    spreads: (G, M) prior standard deviations of the sizes; all G sets are equally probable
     least: size below which there is no change
     """
 

@@ -1,8 +1,8 @@
-"""Find which machine changed, when, and what: every change at every recording against none, by Bayes' rule.
+"""Find changed machines with time and cause: every change at every recording against none, by Bayes' rule.
 
 On recording k a machine's quantities are x = c + d_k, constant values and day-to-day differences. After a change x = c
 + d_k + w_k B s, with B the directions of a `ChangeCause`, s its sizes, and w_k the course: 0 before and 1 after a step,
-rising in proportion to time after a bend, 1 on a single day. Everything is normal, so that all but course and cause is
+rising in proportion to time after a bend, 1 on a single day. All quantities are normal: all but course and cause are
 integrated out (see `History`).
 """
 
@@ -34,7 +34,8 @@ class Shape(StrEnum):
 class CauseShare(NamedTuple):
     """A cause and its probability among all possible causes.
 
-    name, at: name and place of the cause
+    name: name of the cause
+    at: its location
     probability: its share
     """
 
@@ -44,16 +45,18 @@ class CauseShare(NamedTuple):
 
 
 class MachineChange(NamedTuple):
-    """A change of a machine.
+    """Change of a machine.
 
     shape: its course
-    name, at, unit: name, place and unit of the likeliest cause
-    first: number of the first recording that shows it
+    name: name of the likeliest cause
+    at: location of the likeliest cause
+    unit: unit of its size
+    first: number of the first recording with the change
     probability: probability that there is a change
-    when: probability that it came with just this recording
+    when: probability that it began with exactly this recording
     growing: probability that it grows; it is reported as a slope only if that is as probable as the change itself
-    size, error: size of the cause and its standard error; of a slope at the last recording; 0 for a single day without
-        a named cause
+    size: size of the cause; of a slope at the last recording; 0 for a single day without a named cause
+    error: standard error of the size
     causes: smallest set of causes with a probability of 90 %
     """
 
@@ -109,8 +112,8 @@ class _Posterior(NamedTuple):
 def changes(history: History, causes: Sequence[ChangeCause], sure: float = CREDIBLE) -> list[MachineChange]:
     """Return all changes of a machine with at least the probability `sure`, the most probable first.
 
-    Single days that differ are among them, but do not count for the limit MOST_CHANGES. Where there are several
-    changes, each is estimated once more beside the others: the first one may have taken over what another one explains.
+    Single days that differ are among them, but do not count for the limit MOST_CHANGES. Several changes are each
+    estimated once more with the others: the first one may have included the effect of another one.
 
     causes: possible causes
     """
@@ -282,7 +285,7 @@ def _size(history: History, c: ChangeCause, course: Array, logs: Array) -> tuple
 
 
 def _shares(causes: Sequence[ChangeCause], probability: Array) -> list[CauseShare]:
-    """Return the probabilities by name and place, the largest first."""
+    """Return the probabilities by name and location, the largest first."""
     total: dict[tuple[str, str], float] = {}
     for c, p in zip(causes, probability.tolist(), strict=True):
         total[c.name, c.at] = total.get((c.name, c.at), 0.0) + p

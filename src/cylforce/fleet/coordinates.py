@@ -48,12 +48,12 @@ class Coordinate(NamedTuple):
 
     @property
     def at(self) -> str:
-        """Return the place: a link, a cylinder, or a sensor."""
+        """Return the location: a link, a cylinder, or a sensor."""
         return self.name.partition(".")[0]
 
     @property
     def quantity(self) -> str:
-        """Return the quantity without its place."""
+        """Return the quantity without its location."""
         return self.name.rpartition(".")[2]
 
 
@@ -114,10 +114,10 @@ def _daily(model: Model, name: str, areas: dict[str, float]) -> float:
 
 
 def joint_coordinates(model: Model) -> tuple[Coordinate, ...]:
-    """Return what moves several quantities together from day to day (L,).
+    """Return the quantities that change several others together from day to day (L,).
 
-    These are all friction of a cylinder, with its temperature, and a mass on a link, such as dirt. Their constant part
-    is zero: the quantities contain it.
+    They are the friction level of each cylinder, which follows its temperature, and a mass on each link, such as dirt.
+    Their constant value is zero: the other quantities contain it.
     """
     level, mass = FrictionLevelChange().about, ExtraMass().about
     frictions = [Coordinate(f"{c.name}.{LEVEL}", level.unit, NEVER, EXPECTED.friction) for c in model.machine.cylinders]

@@ -15,11 +15,13 @@ RIDGE = 1e-9  # information about a quantity that a recording does not show, in 
 
 
 class Course(NamedTuple):
-    """n recordings of one machine with K quantities.
+    """Course of n recordings of one machine with K quantities.
 
-    own, own_error: (n, K) values by this recording, with the usual spreads of the type, and their standard errors
-    value, error: (n, K) values with the machine's earlier recordings, too, and their standard errors
-    expected: (n, K) values by the earlier recordings alone
+    own: (n, K) values from this recording, with the usual spreads of the type
+    own_error: (n, K) their standard errors
+    value: (n, K) values from this and the machine's earlier recordings
+    error: (n, K) their standard errors
+    expected: (n, K) values from the earlier recordings alone
     from_past: (n,) difference from the earlier recordings, rms over the quantities in usual differences: about 1 for a
         healthy machine; NaN without earlier recordings
     from_type: (n,) difference from other machines of the type, likewise
@@ -64,7 +66,7 @@ def course(days: GroupedGaussians, usual: Usual, past: Array, whole: Array) -> C
 def _updated(days: GroupedGaussians, mean: Array, covariance: Array, whole: Array) -> tuple[Array, Array, Array]:
     """Combine a prior N(mean, covariance) with each recording.
 
-    Return means and standard errors (n, K) of the combination, and the distance (n,) of the recording's own value from
+    Return means and standard errors (n, K) of the combination, and the distance (n,) of each recording's own value from
     the prior, rms over the quantities.
     """
     size = days.pull.shape[-1]

@@ -31,8 +31,8 @@ MOST_BLOCKS = 1024  # blocks, half an hour; beyond, neighbours are merged; chose
 class Evidence(NamedTuple):
     """Statistics of one recording with K quantities (see `coordinates`).
 
-    parts: (S, K+1, K+1) of each part the products of the columns and the torque, in units of their noise
-    joints: (R, K+1, K+1) the same of each joint and the whole recording [N^2 m^2]
+    parts: (S, K+1, K+1) products of the columns and the torque, in units of their noise, for each minute
+    joints: (R, K+1, K+1) products of the columns and the torque of each joint, over the whole recording [N^2 m^2]
     samples: (R,) number of samples of each joint
     misfit: share of the torque that remains unexplained
     seconds: time of motion [s]
@@ -63,7 +63,7 @@ class Evidence(NamedTuple):
     def at_work(self) -> bool:
         """Return whether loads or forces at the teeth are in the torque.
 
-        Then even the best parameters leave more of it unexplained than a machine with a wrong sensor does.
+        Then the residual of the best parameters is larger than that of a machine with a wrong sensor.
         """
         return self.misfit > MISFIT
 

@@ -54,10 +54,10 @@ class MachineResult(NamedTuple):
 
 
 class Fleet(NamedTuple):
-    """All machines of one type.
+    """Machines of one type.
 
-    quantities: (K,) quantities that are followed
-    known: (K',) the same, then those that move several of them together
+    quantities: (K,) quantities of each machine
+    known: (K',) these, then those that change several of them together
     usual: usual values and spreads of `known` [SI]
     machines: results of each machine, by name
     """

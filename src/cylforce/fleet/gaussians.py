@@ -63,7 +63,7 @@ def sequential_map(work: Callable[[Any], Any], arguments: Sequence[Any]) -> list
 def with_added_variance(
     information: Array, pull: Array, variance: Array, parallel_map: ParallelMap = sequential_map
 ) -> tuple[Array, Array]:
-    """Return information and pull about another value, which differs from the known one by N(0, diag(variance)).
+    """Return information and pull about another value, which differs from the first one by N(0, diag(variance)).
 
     (S^-1 + V)^-1 = r^-1 (1 - (1 + r S r)^-1) r^-1 with r = sqrt(V), for information S that need not be regular. No
     variance may be 0.

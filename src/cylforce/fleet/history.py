@@ -12,14 +12,15 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True)
 class History:
-    """A machine's n recordings with K quantities.
+    """Recordings of a machine, n of them with K quantities.
 
     t: (n,) times [d]
     information: (n, K, K) information of each recording about the machine's constant values, day-to-day differences
         included
     pull: (n, K) information times the value that the recording alone would give
-    mean, spread: (K,) mean and standard deviation of the constant values before any recording
-    courses: changes that are known already, each as course (n,), directions (K, M) and prior standard deviations (M,)
+    mean: (K,) mean of the constant values before any recording
+    spread: (K,) their standard deviation before any recording
+    courses: changes found before, each as course (n,), directions (K, M) and prior standard deviations (M,)
     """
 
     t: Array
@@ -36,14 +37,16 @@ class History:
 
     @cached_property
     def _designs(self) -> Array:
-        """Return the design (n, K, Z) of each recording: columns of the constant values, then of the known changes."""
+        """Return the design (n, K, Z) of each recording: columns of the constant values, then of the earlier found
+        changes.
+        """
         parts = [np.broadcast_to(np.eye(self.size), (len(self.t), self.size, self.size))]
         parts += [course[:, None, None] * directions for course, directions, _ in self.courses]
         return np.concatenate(parts, axis=-1)
 
     @cached_property
     def _common(self) -> tuple[Array, Array]:
-        """Return the inverse information (Z, Z) and the pull (Z,) about constant values and known changes."""
+        """Return the inverse information (Z, Z) and the pull (Z,) about constant values and earlier found changes."""
         designs = self._designs
         information = np.sum(np.swapaxes(designs, 1, 2) @ self.information @ designs, axis=0)
         pull = np.einsum("nkz,nk->z", designs, self.pull)
@@ -58,7 +61,7 @@ class History:
         return np.asarray((inverse @ pull)[: self.size])
 
     def evidence_of(self, course: Array) -> tuple[Array, Array]:
-        """Return information (H, K, K) and pull (H, K) about what follows each course (H, n)."""
+        """Return information (H, K, K) and pull (H, K) about the change that follows each course (H, n)."""
         inverse, pull = self._common
         weighted = np.swapaxes(self._designs, 1, 2) @ self.information
         cross = np.tensordot(course, weighted, 1)

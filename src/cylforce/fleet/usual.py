@@ -1,5 +1,4 @@
-"""Learn the usual spreads of a type: how much healthy machines differ from each other, from day to day, and within a
-day.
+"""Learn the usual spreads of a type: between healthy machines, from day to day, and within a day.
 
 A quantity of a machine is m + b, on a day m + b + d, in a minute of it m + b + d + w, with b, d and w normal. Their
 variances are estimated for each quantity by expectation maximisation (Dempster, Laird, Rubin 1977), level by level,
@@ -30,7 +29,9 @@ class Usual(NamedTuple):
     between: (K,) standard deviation between machines
     days: (K,) standard deviation from day to day
     within: (K,) standard deviation within a day
-    machines, recordings, parts: numbers of machines, recordings and minutes from which they were estimated
+    machines: number of machines from which they were estimated
+    recordings: number of recordings
+    parts: number of minutes
     """
 
     mean: Array
@@ -43,7 +44,7 @@ class Usual(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The levels of a type's recordings.
+    """Recordings of a type by levels.
 
     parts: minutes, grouped by recording
     machine: (N,) number of each recording's machine
@@ -125,8 +126,8 @@ def _spread(
 
     members: the members, grouped
     flat: prior mean and standard deviation (K,) of the common values
-    before: stated standard deviations (K,); None: not even their order of magnitude is known, then the mean of the
-        variance of N normal members is the sum of their squares over N - 3
+    before: stated standard deviations (K,); None: unknown order of magnitude, for which the mean of
+        the variance of N normal members is the sum of their squares over N - 3
     start: standard deviations of the round before (K,)
     parallel_map: maps a function, perhaps in parallel
     """

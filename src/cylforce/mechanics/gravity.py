@@ -1,4 +1,4 @@
-"""Gravity at a place on the earth.
+"""Gravity at a location on the earth.
 
 It is 0.5 % less at the equator than at a pole, and 0.03 % less for every 1000 m of height.
 """

@@ -84,7 +84,7 @@ STANDARD = "standard"  # name of the tool that the machine file's last link desc
 
 
 class Attachment(NamedTuple):
-    """A tool that can take the last link's place.
+    """A tool that can replace the last link.
 
     name: name in the machine file
     kind: bucket, grab or fork
@@ -97,7 +97,7 @@ class Attachment(NamedTuple):
 
 
 class Service(NamedTuple):
-    """All settings of a running service.
+    """Settings of a running service.
 
     machine: the machine with the standard tool
     nodes: sensor nodes on the bus

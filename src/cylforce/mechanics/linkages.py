@@ -147,8 +147,9 @@ class FourBar(Linkage):
     foot: pin of the cylinder's housing
     rocker_pin: pin about which the rocker turns
     link_pin: pin of the link on the driven body; the link joins it to the rocker's end
-    rocker_length, link_length: distance of the two pins of the rocker and of the link [m]
-    side: +1 when the rocker's end lies to the left of the direction rocker pin -> link pin, -1 to the right
+    rocker_length: distance of the two pins of the rocker [m]
+    link_length: distance of the two pins of the link [m]
+    side: +1 when the rocker's end lies left of the direction rocker pin -> link pin, -1 right of it
     eye: place of the cylinder's eye on the rocker, times the vector from rocker pin to rocker end; 1: at the rocker's
         end
     """

@@ -29,9 +29,11 @@ class Link:
     name: name in the machine file
     length: distance from inner to outer pin [m]; not used by the dynamics of the last link
     mass: [kg]
-    cx, cz: centre of gravity in the link's frame [m]
+    cx: centre of gravity along the link's x axis [m]
+    cz: centre of gravity along the link's z axis [m]
     inertia: moment of inertia about the centre of gravity [kg m^2]
-    angle_low, angle_high: range of its joint angle [rad]
+    angle_low: least joint angle [rad]
+    angle_high: greatest joint angle [rad]
     mass_error: standard error of `mass` [kg]
     centre_error: standard error of `cx` and of `cz` [m]
     inertia_error: standard error of `inertia` [kg m^2]
@@ -58,8 +60,10 @@ class Cylinder:
 
     name: name in the machine file
     linkage: how it drives its joints
-    area_head, area_rod: piston area of head and rod side [m^2], summed over parallel cylinders
-    length_low, length_high: shortest and longest length [m]
+    area_head: piston area of the head side [m^2], summed over parallel cylinders
+    area_rod: piston area of the rod side [m^2], summed over parallel cylinders
+    length_low: shortest length [m]
+    length_high: longest length [m]
     rod_pressure: pressure assumed on the rod side where there is no sensor [Pa]
     area_error: relative standard error of the areas
     pin_error: standard error of the place of every pin [m]
@@ -103,7 +107,7 @@ class Machine:
     slew_axis: signed distance of the first pin from the slew axis [m]
     gravity: gravity where the machine works [m/s^2]
     curled: least and greatest angle of the last joint at which a load is booked [rad]; None: any
-    opens: the tool empties by opening, as a grab does, not by tilting
+    opens: whether the tool empties by opening, as a grab does, not by tilting
     inertial: place x + i z of the base's inertial sensor, from the first pin [m]
     lengths: (N,) pin-to-pin lengths of the links [m]
     """

@@ -45,7 +45,8 @@ class Motion(NamedTuple):
 class Attitude(NamedTuple):
     """Attitude of the chassis.
 
-    pitch, roll: (...,) [rad]
+    pitch: (...,) [rad]
+    roll: (...,) [rad]
     pitch_rate: (...,) from a gyro [rad/s], never the derivative of the tilt angle (mechanics/README.md, section 1)
     slew: (...,) turning rate of the house [rad/s]
     specific: (...,) specific force of the first pin within the arm's plane, s_x + i s_z in the house's axes [m/s^2];

@@ -65,7 +65,7 @@ def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
 def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array:
     """Return the torque (T,) [N m] that holds and moves the links from a joint outwards, by the data sheet's masses.
 
-    This is what the cylinders supply without their own friction. The posture is that of `joint_angles` and the measured
+    The cylinders supply this torque plus their own friction. The posture is that of `joint_angles` and the measured
     pitch. Accelerations are those of parabolas fitted over FITTED_S.
 
     values: signals (T, S) [SI]

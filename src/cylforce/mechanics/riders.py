@@ -186,7 +186,7 @@ def point_on_line(foot: MovingPoint, end: MovingPoint, distance: float) -> Movin
 
 
 def gravity_factor(moving: Motion) -> Vector:
-    """Return gravity as a complex factor: the imaginary part of factor times vector is g times the vector's rise."""
+    """Return gravity as a complex factor: Im(factor * vector) is g times the vector's rise."""
     factor = moving.g * np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))
     return complex(factor) if moving.q.ndim == 1 else np.asarray(factor)
 

@@ -119,7 +119,8 @@ class EndPassed(NamedTuple):
     """An angle sensor of a whole circle whose range of readings ends within the joint's range.
 
     signal: number of the signal
-    low, high: least and greatest angle that the joints allow [rad]; for an inclinometer on level ground
+    low: least angle that the joints allow [rad]; for an inclinometer on level ground
+    high: greatest angle that the joints allow [rad]; for an inclinometer on level ground
     """
 
     signal: int

@@ -45,7 +45,7 @@ def joint_angles(machine: Machine, u: Array) -> Array:
 def working_range(machine: Machine) -> Array:
     """Return the lowest and highest value (N, 2) [rad] of every angle of `drive` clear of end stops and dead points.
 
-    Of each joint's range the longest such part is taken, with the other joints in mid-range. Joints that the cylinder
+    It is the longest such interval of each joint's range, with the other joints in mid-range. Joints that the cylinder
     reaches over may be anywhere in their own working range. Raises ValueError when a joint has no such angle.
     """
     ranges = np.array([(link.angle_low, link.angle_high) for link in machine.links])
@@ -56,7 +56,7 @@ def working_range(machine: Machine) -> Array:
 
 
 def _clear(machine: Machine, middle: Array, ranges: Array, j: int) -> Array:
-    """Return the longest part (2,) [rad] of the range of joint j that is clear of end stops and dead points."""
+    """Return the longest interval (2,) [rad] of the range of joint j clear of end stops and dead points."""
     over = sorted({i for span in machine.spans if max(span) == j for i in span if i < j})
     inner = np.array(list(product(*(np.linspace(ranges[i, 0], ranges[i, 1], ACROSS) for i in over))))
     u = np.tile(middle, (len(inner), GRID, 1))
@@ -75,7 +75,9 @@ def _clear(machine: Machine, middle: Array, ranges: Array, j: int) -> Array:
 
 
 def _drivable(machine: Machine, at: Geometry, j: int) -> NDArray[np.bool_]:
-    """Return which poses (...,) leave every cylinder that ends at joint j clear of its end stops and dead points."""
+    """Return the poses (...,) in which every cylinder that ends at joint j is clear of its end stops and dead
+    points.
+    """
     good = np.ones(at.length.shape[:-1], dtype=bool)
     for c, cylinder in enumerate(machine.cylinders):
         if max(machine.spans[c]) == j:

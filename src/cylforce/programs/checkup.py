@@ -1,5 +1,7 @@
-"""`cylforce checkup`: recordings one after the other, until one cause is certain, the machine is known to be healthy,
-or no motion tells more."""
+"""`cylforce checkup`: recordings one after the other until the check-up ends.
+
+It ends when one cause is certain, when the machine is healthy, or when no further motion separates the causes.
+"""
 
 import asyncio
 import json
@@ -46,9 +48,9 @@ from cylforce.settings.machine_file import Loaded
 
 CERTAIN = 0.95  # probability of a cause that is named alone, from which on nothing more is recorded; requirement
 MOST_SHOWN = 3  # causes of a step
-MOST_FURTHER = 3  # motions beyond the check-up itself that are asked for on the bus; convention: half an hour in all
+MOST_FURTHER = 3  # motions requested beyond the check-up itself; convention: half an hour in all
 TURNING = 0.02  # rad/s, from which on a joint moves; chosen: well above the noise of an angle sensor
-ENOUGH = 0.5  # of a motion of the check-up: with less of it, it is asked for
+ENOUGH = 0.5  # of a motion of the check-up: with less of it, it is requested
 LOOK_S = 0.25
 GIVE_UP_S = 30.0  # without one whole sample
 LONGEST = 4.0  # times the duration of a motion, after which a step without enough motion is given up; chosen
@@ -87,12 +89,12 @@ class CheckupStep:
 
 @dataclass(frozen=True)
 class Checked:
-    """A check-up as far as it went.
+    """Result of a check-up up to its last step.
 
     steps:       one of each recording
     end:         why it ended
     inseparable: causes that no motion separates
-    by_hand:     checks by hand of what may still be the cause
+    by_hand:     checks by hand of causes that are still possible
     still_next:  whether the zeros of the pressure sensors are to be read next
     next:        the motion to record next; None: none is needed, or none helps
     found:       the last diagnosis
@@ -140,7 +142,7 @@ def check_recordings_of(
 
 
 def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[CheckupStep, Checked]:
-    """Return what recordings so far say, and whether the check-up goes on."""
+    """Return the step of the last recording, and the result of all recordings."""
     name = question.field[-1].name
     if found.diagnosis is None or found.plan is None:
         return _without_diagnosis(machine, name, found)
@@ -176,7 +178,7 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
 
 
 def _without_diagnosis(machine: Machine, name: str, found: Diagnosed) -> tuple[CheckupStep, Checked]:
-    """Return a step without a diagnosis: wrong clocks, faulty sensors, too little motion, or a data sheet alone."""
+    """Return a step without a diagnosis: wrong clocks, a sensor fault, too little motion, or only a data sheet."""
     effects = found.answer.get("effects", [])
     causes = tuple(((each["name"], each["at"]), float(each["confidence"])) for each in effects[:MOST_SHOWN])
     step = CheckupStep(name, found.answer["verdict"], causes)
@@ -225,7 +227,7 @@ def line_of(machine: Machine, number: int, checked: Checked) -> str:
 
 
 def sentences_of(machine: Machine, checked: Checked) -> list[str]:
-    """Return how the check-up ended, or what to record next."""
+    """Return how the check-up ended, or the next recording to be made."""
     step = checked.steps[-1]
     ends = {
         End.HEALTHY: "no fault: the machine moves as it did while it was healthy",
@@ -279,7 +281,7 @@ def answer_of(machine: Machine, checked: Checked) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class CheckupOutputs:
-    """Where to write what, None where not.
+    """Files to be written; None: not written.
 
     answer: the check-up as JSON
     motion: the motion to record next as a table
@@ -292,7 +294,7 @@ class CheckupOutputs:
 def run_checkup(
     loaded: Loaded, question: Question, outputs: CheckupOutputs, console: Console, cache: StatisticsCache | None = None
 ) -> Checked:
-    """Check recordings, print a line of each, write what is wanted.
+    """Check recordings, print a line of each, write the output files.
 
     Raises RecordingError or ValueError, in a sentence.
     """
@@ -333,7 +335,7 @@ def run_guided(
     """Guide through the check-up on the bus: record a step, diagnose, until it is decided.
 
     Return False when it was interrupted; the recordings are kept. Never commands the machine.
-    folder: where the recordings are written, still.log, 1.log, 2.log ...
+    folder: folder of the recordings, still.log, 1.log, 2.log ...
     """
     configure_messages(Path(os.devnull).open("w") if sys.stderr.isatty() else sys.stderr)  # noqa: SIM115
     machine, steps = loaded.service.machine, list[CheckupStep]()

@@ -28,7 +28,9 @@ from cylforce.programs.commands.options import INTERRUPTED
 
 
 class _Commands(TyperGroup):
-    """The commands. One that Ctrl-C ends says so and leaves nothing unfinished behind: files are replaced whole."""
+    """Group of all commands. A command that Ctrl-C ends prints so and leaves no partial file: files are
+    replaced whole.
+    """
 
     def invoke(self, ctx: typer.Context) -> object:  # type: ignore[override]  # the base class is private
         try:
@@ -48,7 +50,7 @@ app = typer.Typer(
 
 
 def print_version(wanted: bool) -> None:
-    """The version on standard output, then the end."""
+    """Print the version on standard output and exit."""
     if wanted:
         print(f"cylforce {cylforce.__version__}")
         raise typer.Exit
@@ -97,7 +99,10 @@ app.add_typer(configs, name="config")
 
 
 def user_errors() -> tuple[type[Exception], ...]:
-    """Errors that a user can correct. Their modules are loaded when there is an error, not before."""
+    """Return the types of errors that a user can correct.
+
+    Their modules are loaded only after an error.
+    """
     from cylforce.can.bus import BusError
     from cylforce.files.atomic import RecordingError
     from cylforce.settings.error import SettingsError
@@ -106,7 +111,7 @@ def user_errors() -> tuple[type[Exception], ...]:
 
 
 def main() -> None:
-    """Entry point of the ``cylforce`` command: an error that a user can correct is one sentence, not a traceback."""
+    """Run the ``cylforce`` command; an error that a user can correct is printed as one sentence without a traceback."""
     try:
         app(prog_name="cylforce")  # also where it runs as `python -m cylforce`
     except SystemExit:  # the ordinary end, without loading what only errors need

@@ -1,5 +1,7 @@
-"""`cylforce commission`: live guidance for the operator who moves the empty machine, then identification from the
-recording, then, on request, the scale from a known weight. It never commands the machine."""
+"""`cylforce commission`: commissioning with live guidance for the operator who moves the empty machine.
+
+Identification from the recording follows and, on request, the scale from a known weight. It never commands the machine.
+"""
 
 import asyncio
 import os
@@ -39,8 +41,14 @@ LIMIT_S = 600.0  # of motion
 
 
 class Order(NamedTuple):
-    """What is wanted: the bus, `identified.toml`, the log of the motion, a weight [kg] to be lifted afterwards, the
-    tool on the machine."""
+    """Inputs and outputs of a commissioning.
+
+    bus:        name of the bus
+    output:     path of `identified.toml`
+    log:        path of the log of the motion
+    known_kg:   weight to be lifted afterwards [kg]; None: none
+    attachment: tool on the machine
+    """
 
     bus: str
     output: Path
@@ -55,8 +63,10 @@ class Order(NamedTuple):
 
 
 def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
-    """Guide, identify and write; False when it was interrupted, in which case the log is kept. Raises ValueError,
-    RecordingError, BusError or SettingsError with a sentence."""
+    """Guide, identify and write; return False when it was interrupted, in which case the log is kept.
+
+    Raises ValueError, RecordingError, BusError or SettingsError with a sentence.
+    """
     _check(loaded, order)
     configure_messages(Path(os.devnull).open("w") if sys.stderr.isatty() else sys.stderr)  # noqa: SIM115
     guide = _guide(loaded, order)
@@ -82,7 +92,7 @@ def _guide(loaded: Loaded, order: Order) -> Guide:
 
 
 def unbooked(tares: Tares) -> str:
-    """Return what follows from the scale's error without a known weight; nothing where a rated load is well known."""
+    """Return a sentence on the weights that are not booked without a known weight; empty if rated loads are."""
     if tares.scale_error <= GOOD_ENOUGH:
         return _only_degraded(tares)
     return (
@@ -93,7 +103,7 @@ def unbooked(tares: Tares) -> str:
 
 
 def _only_degraded(tares: Tares) -> str:
-    """Return what follows from a common scale of all pressures that only the masses bound."""
+    """Return a sentence on the weights that are degraded because only masses bound the pressures' common scale."""
     if tares.common_error <= GOOD_ENOUGH:
         return ""
     return (
@@ -104,7 +114,7 @@ def _only_degraded(tares: Tares) -> str:
 
 
 def _check(loaded: Loaded, order: Order) -> None:
-    """Check first what would otherwise fail after minutes of motion. Raises RecordingError."""
+    """Check all conditions that would otherwise fail after minutes of motion. Raises RecordingError."""
     if order.log.suffix != ".log":
         raise RecordingError(
             f"{order.log}: the log must end in .log: by that ending `cylforce identify` knows its format"
@@ -119,7 +129,10 @@ def _writer(loaded: Loaded, order: Order, path: Path) -> LogWriter:
 
 
 def _collected(loaded: Loaded, guide: Guide, order: Order, console: Console) -> View:
-    """What was seen last when it was enough, refused (raises ValueError), given up (raises) or interrupted."""
+    """Return the last view of the guidance: enough motion, or interrupted.
+
+    Raises ValueError when the recording is refused, or an error when it is given up.
+    """
     bus = open_shared_bus(order.bus)
     try:
         writer = _writer(loaded, order, order.log)
@@ -151,8 +164,10 @@ async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, co
 
 
 def _check_outcome(guide: Guide, view: View) -> None:
-    """Raises ValueError when the recording is refused or not enough after a long time, BusError when the sensors have
-    sent nothing."""
+    """Raise ValueError or BusError for a recording that cannot be used.
+
+    ValueError: it is refused, or not enough after a long time. BusError: the sensors have sent nothing.
+    """
     if view.advice.refusal is not None:
         raise ValueError(view.advice.refusal)
     if view.deaf_s > GIVE_UP_S and view.advice.seconds == 0.0:
@@ -175,8 +190,8 @@ def _stop(loaded: Loaded, order: Order, view: View, console: Console) -> None:
 
 
 def _scaled(loaded: Loaded, found: Identification, order: Order, known_kg: float, console: Console) -> bool:
-    """Watch the lift of a known weight, take the scale from it; False when it was interrupted."""
-    # The scale is what the lift is to show: its error must not keep the known weight from being booked. The oil is as
+    """Monitor the lift of a known weight and compute the scale from it; return False when it was interrupted."""
+    # The lift determines the scale: its error must not prevent the booking of the known weight. The oil is as
     # warm as it was a minute ago, so that friction and zeros differ no more than between strokes.
     core = Core(loaded.service._replace(adapt=False), found.tares._replace(scale_error=0.0, common_error=0.0))
     console.print(f"recording the lift to {order.lift_log}", soft_wrap=True)
@@ -199,7 +214,7 @@ def _scaled(loaded: Loaded, found: Identification, order: Order, known_kg: float
 
 
 async def _lifted(daemon: Daemon, known_kg: float, console: Console) -> bool:
-    """Whether a weight was booked before the end was wanted."""
+    """Return whether a weight was booked before the operator stopped."""
     until = asyncio.Event()
     with Screen(console) as screen:
 

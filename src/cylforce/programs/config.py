@@ -18,7 +18,7 @@ KINDS = {
 
 
 def show_shipped() -> None:
-    """One line for each file: its name and what it is."""
+    """Print one line for each file: its name and its kind."""
     files = shipped_files()
     width = max(len(name) for name in files)
     for name, path in files.items():

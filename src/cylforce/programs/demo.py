@@ -1,5 +1,8 @@
-"""`cylforce demo`: the main job from end to end. Moves of the empty simulated machine, identification, digging cycles
-on a bus with the real clock, booked weights and tip forces beside the simulator's truth."""
+"""`cylforce demo`: the main job from end to end.
+
+The empty simulated machine moves and is identified. Then it digs on a bus with the real clock; booked weights and tip
+forces are compared with the simulator's truth.
+"""
 
 import asyncio
 import json
@@ -43,7 +46,13 @@ RELAY = "remote:127.0.0.1"
 
 
 class Watched(NamedTuple):
-    """What the daemon concluded while it ran."""
+    """Results of the daemon while it ran.
+
+    estimates: one for each step
+    bookings:  booked loads
+    missed:    loads that were not booked
+    counts:    steps and overruns
+    """
 
     estimates: list[Estimate]
     bookings: list[Booking]
@@ -108,7 +117,7 @@ def run_demo(
 
 
 def _prepare(loaded: Loaded, files: Files, seed: int, console: Console) -> None:
-    """Move the empty machine, and lift a known weight, faster than real time; identify tares and scale from that."""
+    """Move the empty machine and lift a known weight, faster than real time; identify tares and scale from both."""
     machine, known_kg = loaded.path, round(KNOWN * loaded.service.machine.rated_payload)
     moves = ("sim", machine, "--scenario", "moves", "--seed", seed)
     console.print(f"1. the empty machine moves for {MOVES_S:.0f} s (masses 10 % off the machine file's)")
@@ -127,7 +136,7 @@ def _cylforce(*arguments: object) -> None:
 
 @contextmanager
 def _relay(bus: str) -> Iterator[str]:
-    """The bus to open: for a relay without a port, one of our own on a free port of 127.0.0.1."""
+    """Yield the bus to open: for a relay without a port, a new one on a free port of 127.0.0.1."""
     if bus != RELAY:
         yield bus
         return
@@ -138,7 +147,7 @@ def _relay(bus: str) -> Iterator[str]:
 
 
 async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, console: Console) -> Watched:
-    """Daemon and simulated machine on one bus, until the machine's run is over."""
+    """Run daemon and simulated machine on one bus, until the machine's run is over."""
     console.print(f"3. {cycles} digging cycles of at most 15 s on the bus")
     daemon = Daemon(loaded, make_core(loaded, files.identified), open_bus(bus), None, NOTHING_KEPT)
     watched = Watched([], [], [], Counts())
@@ -172,7 +181,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
 
 
 async def _dig_here(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, until: asyncio.Event) -> None:
-    """The simulated machine in this process, which alone sees a virtual bus."""
+    """Run the simulated machine in this process; other processes do not see a virtual bus."""
     opened = open_bus(bus)
     try:
         await play_until(prepare(loaded, "cycles", seed, MASS_ERROR, amount=cycles), opened, files.truth, until)
@@ -182,7 +191,7 @@ async def _dig_here(loaded: Loaded, files: Files, bus: str, cycles: int, seed: i
 
 
 async def _dig_beside(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, until: asyncio.Event) -> None:
-    """The simulated machine in a process of its own."""
+    """Run the simulated machine in a process of its own."""
     words = ("sim", str(loaded.path), "--scenario", "cycles", "--cycles", str(cycles), "--seed", str(seed))
     machine = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "cylforce", *words, "--bus", bus, "--truth", str(files.truth)),

@@ -1,4 +1,4 @@
-"""`cylforce describe`: what a machine file says: tables, a drawing of every pin, EDS and DBC of our node."""
+"""`cylforce describe`: contents of a machine file as tables, a drawing of every pin, EDS and DBC of our node."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,14 @@ from cylforce.settings.machine_file import Loaded
 
 
 class DescriptionFiles(NamedTuple):
-    """Where to write (None: not): drawing, page with drawing and tables, EDS and DBC of our node, JSON schema."""
+    """Files to be written; None: not written.
+
+    svg:    drawing
+    html:   page with drawing and tables
+    eds:    EDS of our node
+    dbc:    DBC of our node
+    schema: JSON schema
+    """
 
     svg: Path | None = None
     html: Path | None = None
@@ -25,7 +32,9 @@ class DescriptionFiles(NamedTuple):
 
 
 def run_describe(machine: Path, outputs: DescriptionFiles) -> None:
-    """Load, write what is asked for, print. Raises SettingsError or RecordingError with a sentence."""
+    """Load a machine file, write the output files, print the tables. Raises SettingsError or RecordingError with a
+    sentence.
+    """
     check_outputs(outputs, (machine,), (".svg", ".html", ".eds", ".dbc", ".json"))
     loaded = load_machine(machine)
     shown = tables(loaded.service)
@@ -53,7 +62,7 @@ def _write_node(loaded: Loaded, outputs: DescriptionFiles) -> None:
 
 
 def _schema() -> str:
-    """The JSON schema of machine files, for editors."""
+    """Return the JSON schema of machine files, for editors."""
     import json
 
     from cylforce.settings.schema import machine_file_schema

@@ -1,4 +1,4 @@
-"""`cylforce display`: checks what it was given and serves the page."""
+"""`cylforce display`: checks its options and serves the page."""
 
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ def display(
     language: str,
     unit: str = "kg",
 ) -> None:
-    """Serve until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
+    """Serve the page until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
     try:
         from cylforce.display.picture import Marks
         from cylforce.display.serving import Served, run_display
@@ -40,7 +40,7 @@ def display(
 def display_in_terminal(
     machine: Path, bus: str, marks: tuple[float, float, float, float], language: str, unit: str = "kg"
 ) -> None:
-    """The same as text, until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
+    """Show the display as text until a signal. Raises SettingsError, BusError or ValueError with a sentence."""
     from cylforce.display.picture import Marks
     from cylforce.display.terminal import run_terminal
 
@@ -49,8 +49,10 @@ def display_in_terminal(
 
 
 def shares_of(marks: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """The marks of the target bar, given in percent, as shares, and the minutes of the reminder. Raises ValueError
-    unless they rise."""
+    """Return the marks of the target bar as shares, and the minutes of the reminder.
+
+    Raises ValueError unless the marks, given in percent, rise.
+    """
     amber, green, red = (0.01 * mark for mark in marks[:3])
     if not 0.0 < amber <= green <= red:
         raise ValueError("--amber, --green, --red: must rise, in percent of the target, e.g. 75, 95, 110")
@@ -58,7 +60,7 @@ def shares_of(marks: tuple[float, float, float, float]) -> tuple[float, float, f
 
 
 def read_pin(pin_file: Path | None, host: str) -> str:
-    """The PIN; none is needed where only this computer reaches the page. Raises ValueError."""
+    """Return the PIN; none is needed where only this computer reaches the page. Raises ValueError."""
     from cylforce.display.serving import is_loopback
 
     if pin_file is None:

@@ -46,12 +46,12 @@ STEPS = 9  # of a diagnosis after reading its recordings, each of which is one m
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """A diagnosis with its answer.
+    """Diagnosis with its answer.
 
-    answer:    as JSON has it
-    diagnosis: None where nothing could be concluded, and where only a data sheet is known
-    sheet:     the gap of a machine of which only the data sheet is known, else None
-    plan:      what to record next; None where nothing could be concluded
+    answer:    as in the JSON file
+    diagnosis: None where nothing could be concluded, and where there is only a data sheet
+    sheet:     the gap of a machine with only a data sheet, else None
+    plan:      plan of the next recordings; None where nothing could be concluded
     """
 
     answer: dict[str, Any]
@@ -69,7 +69,7 @@ def diagnose(
 ) -> Diagnosed:
     """Return the diagnosis of recordings. Raises RecordingError or ValueError, in a sentence.
 
-    cache: where what was learnt of references is kept for the next diagnosis
+    cache: statistics of references, kept for the next diagnosis
     """
     check_recordings(question)
     left_out = list[str]()
@@ -89,14 +89,14 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _GapRun:
-    """A diagnosis under way.
+    """Diagnosis in progress.
 
     loaded:   the machine
-    question: what is asked
+    question: inputs of the diagnosis
     library:  effects that may be a cause
-    only:     name and place of the one effect that is examined; None: all
-    watch:    is called with what is done
-    cache:    of what was learnt of references
+    only:     name and location of the one effect that is examined; None: all
+    watch:    receives the progress
+    cache:    statistics of references, kept for the next diagnosis
     """
 
     loaded: Loaded
@@ -131,10 +131,10 @@ class _GapRun:
         return self._compared(Groups(field.stretches, same.kept), warnings, late)
 
     def _compared(self, groups: Groups, warnings: Sequence[str], late: Sequence[ClockSlip]) -> Diagnosed:
-        """Return the answer for recordings that are sound.
+        """Return the answer for recordings without a fault of their own.
 
         warnings: sentences so far
-        late:     clock faults of the field
+        late:     clock faults of the field recordings
         """
         loaded = self.loaded
         known = known_machine(loaded, self.question, groups, self.library, self.watch, self.cache)
@@ -167,7 +167,7 @@ class _GapRun:
         return Diagnosed(whole | {"warnings": [text for text in texts if text]}, found, plan=plan)
 
     def _sheet(self, field: Sequence[Recording], warnings: Sequence[str], late: Sequence[ClockSlip]) -> Diagnosed:
-        """Return the answer where only a data sheet is known: identify the machine first."""
+        """Return the answer when there is only a data sheet: identify the machine first."""
         self.watch("fitting masses and friction", None)
         service = self.loaded.service
         sheet, noise = Model(service.machine, service.filters, ()), usual_noise(service.machine, field)
@@ -217,7 +217,9 @@ def _named_first(found: Diagnosis, name: str) -> bool:
 
 
 def _beside(found: Diagnosis) -> tuple[float, Key | None]:
-    """Return for how long [s] something happens beside the likeliest hypothesis, and what; None if it is everyday."""
+    """Return duration [s] and key of an incident besides the likeliest hypothesis; the key is None of a healthy
+    machine's.
+    """
     evidence = found.evidence
     question, strength = evidence.found.question, evidence.strength
     block_s = BLOCK_ROWS / question.machine.regressors.rows_hz

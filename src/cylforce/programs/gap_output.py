@@ -1,4 +1,4 @@
-"""What `cylforce gap` writes and prints: JSON, patch file, text."""
+"""Output of `cylforce gap`: JSON, patch file, text."""
 
 import json
 from collections.abc import Sequence
@@ -24,7 +24,13 @@ from cylforce.signals.estimate import Array
 
 
 class Outputs(NamedTuple):
-    """Where to write what, None where not: the answer as JSON, the effects as a patch, the report, the residuals."""
+    """Files to be written; None: not written.
+
+    answer:    the answer as JSON
+    patch:     the effects as a patch
+    report:    the report
+    residuals: the residuals
+    """
 
     answer: Path | None
     patch: Path | None
@@ -33,7 +39,7 @@ class Outputs(NamedTuple):
 
 
 def write_all(found: Diagnosed, report: str | None, outputs: Outputs) -> None:
-    """Write what was asked for, each file whole or not at all."""
+    """Write the output files, each whole or not at all."""
     texts = (_answer_text(found), _patch_text(found), report)
     for path, text in zip(outputs[:3], texts, strict=True):
         if path is not None and text is not None:
@@ -61,7 +67,7 @@ def _residuals(found: Diagnosed) -> dict[str, Array]:
 
 
 def _answer_text(found: Diagnosed) -> str:
-    """JSON has no NaN: what has no value is null."""
+    """Return the answer as JSON text; values that are not finite (NaN) are null."""
     finite = json.loads(json.dumps(found.answer, default=float), parse_constant=lambda _: None)
     return json.dumps(finite, indent=1, allow_nan=False) + "\n"
 
@@ -89,7 +95,7 @@ def write_next_motion(path: Path, found: Diagnosed, machine: Machine) -> None:
 
 
 def show(found: Diagnosed, machine: Machine, console: Console) -> None:
-    """The answer in plain words, then the effects by the names that options and files use."""
+    """Print the answer in plain words, then the effects by the names that options and files use."""
     said = plain(machine, found.answer)
     console.print(said.headline)
     console.print(_points(said))
@@ -101,7 +107,7 @@ def show(found: Diagnosed, machine: Machine, console: Console) -> None:
 
 
 def _points(said: Plain) -> Table:
-    """Titles beside their lines."""
+    """Return a grid of titles and their lines."""
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column(overflow="fold")
@@ -112,7 +118,7 @@ def _points(said: Plain) -> Table:
 
 
 def show_effects(effects: Sequence[dict[str, Any]], console: Console) -> None:
-    """A table with one row for each effect, as options and files name it, with their units."""
+    """Print a table with one row for each effect, as options and files name it, with their units."""
     rows = [
         (f"{effect['name']}@{effect['at']}", f"{size['value']:.4g}", size["unit"], percent(effect["confidence"]))
         for effect in effects

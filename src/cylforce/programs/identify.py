@@ -40,11 +40,16 @@ from cylforce.signals.estimate import Array
 
 
 class How(NamedTuple):
-    """How to identify: in the paper's two steps, with physical laws enforced, with a lift of a known weight [kg];
-    `refuse`: end with a sentence when the machine was loaded, in contact or wired wrongly, or a joint stays
-    unexplained. `attachment`: the tool that is on the machine; the common arm is then taken from the file that is
-    written, where its tares are added. `usual`: a file of what is usual for the type, as prior in place of the
-    data sheet."""
+    """Options of an identification.
+
+    two_steps:  identify in the paper's two steps
+    enforce:    enforce physical laws
+    lift:       recording of a lift of a known weight
+    known_kg:   the known weight [kg]
+    refuse:     end with a sentence for a machine with load, contact or wrong wiring, or an unexplained joint
+    attachment: tool on the machine; the output file then provides the common arm, and receives the tool's tares
+    usual:      file of the type's usual spread, as prior instead of the data sheet
+    """
 
     two_steps: bool = False
     enforce: bool = False
@@ -61,7 +66,7 @@ JOINTLY = How()
 def run_identify(
     loaded: Loaded, recordings: Sequence[Path], output: Path, how: How = JOINTLY, watch: Watch = silent
 ) -> Identification:
-    """Identify, write `output`, and return what was found. Raises RecordingError or ValueError with a sentence."""
+    """Identify, write `output`, and return the identification. Raises RecordingError or ValueError with a sentence."""
     _check_recordings(loaded, recordings, how.lift)
     if (how.lift is None) != (how.known_kg is None):
         raise RecordingError("a lift and its known weight go together: give both --lift and --known-kg")
@@ -87,7 +92,7 @@ def run_identify(
 def run_statistics(
     loaded: Loaded, recordings: Sequence[Path], output: Path, how: How = JOINTLY, watch: Watch = silent
 ) -> Path:
-    """Learn what `cylforce gap --identified` compares with, and write it beside `output`. Return where it stands.
+    """Learn the statistics for `cylforce gap --identified`, write them beside `output`, and return their path.
 
     The recordings of the identification are read once more; a lift of a known weight counts with its load. Raises
     RecordingError or ValueError.
@@ -110,8 +115,10 @@ def run_statistics(
 
 @contextmanager
 def _reported() -> Iterator[Report]:
-    """Collect sentences on what was left out of recordings: warn of them, or, where no stretch of the recordings is
-    long enough, append them to the sentence that says so. Raises RecordingError."""
+    """Yield a function that collects sentences on excluded parts of recordings, and warn of them at the end.
+
+    If no stretch is long enough, they are appended to the sentence of that error. Raises RecordingError.
+    """
     told = list[str]()
     try:
         yield told.append
@@ -136,7 +143,7 @@ def _model(loaded: Loaded, how: How) -> Model:
 def _attached(
     loaded: Loaded, recordings: Sequence[Path], segments: Iterator[Array], output: Path, how: How
 ) -> Identification:
-    """The tares with another tool, added to `output`."""
+    """Return the tares with another tool, which are added to `output`."""
     if how.lift is not None or how.two_steps or how.enforce or how.usual is not None:
         raise RecordingError("--attachment: takes scale and laws from the standard tool: leave --lift and the like out")
     common = read_identified(output, loaded)
@@ -147,7 +154,7 @@ def _attached(
 
 
 def _check_recordings(loaded: Loaded, recordings: Sequence[Path], lift: Path | None) -> None:
-    """Each recording is named once and is of this machine. Raises RecordingError."""
+    """Check that each recording is named once and is of this machine. Raises RecordingError."""
     for path, more in combinations(recordings, 2):
         if path.resolve() == more.resolve():
             raise RecordingError(f"{path}: is named twice, so that its motion would count double: name it once")
@@ -162,7 +169,7 @@ def _then_fit(loaded: Loaded, recordings: Sequence[Path], watch: Watch, tell: Re
 
 
 def run_seal(loaded: Loaded, path: Path, reason: str) -> None:
-    """Accept a file of tares as it is now, and say what was changed. Raises SettingsError or RecordingError."""
+    """Accept a file of tares in its present state, and print its changes. Raises SettingsError or RecordingError."""
     if not reason.strip():
         raise RecordingError("--reason: say in a few words why the file was changed")
     check_outputs((path,))
@@ -172,7 +179,7 @@ def run_seal(loaded: Loaded, path: Path, reason: str) -> None:
 
 
 def show(found: Identification, console: Console) -> None:
-    """A table of the parameters, the prior beside them, and what the recording does not determine."""
+    """Print a table of the parameters with the prior and the source of each."""
     model = found.model
     error = np.sqrt(np.diag(found.tares.covariance))
     rows = []
@@ -202,7 +209,7 @@ def show(found: Identification, console: Console) -> None:
 
 
 def without_known_weight(tares: Tares, by_masses: CommonScale) -> str:
-    """How well the scale is known without a known weight, and what to do."""
+    """Return a sentence on the error of the scale without a known weight, and the cure."""
     return (
         f"scale: no known weight was lifted; the identified masses are {by_masses.factor:.3f} +- "
         f"{by_masses.standard_error:.3f} times those of the data sheet, so that every weight is known to +- "

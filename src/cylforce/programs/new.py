@@ -21,8 +21,13 @@ YES = ("y", "yes")
 
 
 class GivenFigures(NamedTuple):
-    """What is given as options: type and operating mass [t] of the machine (None: asked for), figures as KEY=VALUE,
-    whether all others take their typical values without being asked for."""
+    """Figures from the options.
+
+    type:   type of the machine; None: to be asked for
+    tonnes: operating mass [t]; None: to be asked for
+    texts:  figures as KEY=VALUE
+    yes:    whether all other figures have their typical values without a question
+    """
 
     type: str | None
     tonnes: str | None
@@ -31,7 +36,13 @@ class GivenFigures(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What is known of a machine: its type's name, operating mass [t], every figure's value, and which were given."""
+    """Figures of a machine.
+
+    type:   name of its type
+    tonnes: operating mass [t]
+    values: value of every figure
+    given:  keys of figures that were given
+    """
 
     type: str
     tonnes: float
@@ -40,7 +51,7 @@ class Answers(NamedTuple):
 
 
 def run_new(given: GivenFigures, output: Path, ask: Ask = input) -> None:
-    """Ask for what is not given, write the machine file. Raises SettingsError or RecordingError with a sentence."""
+    """Ask for missing figures, and write the machine file. Raises SettingsError or RecordingError with a sentence."""
     if output.exists():
         raise RecordingError(f"{output}: exists and is not replaced: choose another file with -o, or remove it first")
     if output.suffix != ".toml":
@@ -66,7 +77,7 @@ def run_new(given: GivenFigures, output: Path, ask: Ask = input) -> None:
 
 
 def gathered(given: GivenFigures, ask: Ask) -> Answers:
-    """All figures, from the options, from answers, or typical."""
+    """Return all figures, from the options, from answers, or typical."""
     name = given.type if given.type or given.yes else _type(ask)
     if name is None:
         raise SettingsError(f"--type is missing: write one of {', '.join(TYPES)}")
@@ -81,7 +92,7 @@ def gathered(given: GivenFigures, ask: Ask) -> Answers:
 
 
 def command(answers: Answers, output: Path) -> str:
-    """The command line that gives all these answers."""
+    """Return the command line with all these answers."""
     known = wanted(answers.type, answers.tonnes)
     words = ["cylforce", "new", "-o", str(output), "--type", answers.type, "--tonnes", f"{answers.tonnes:.10g}"]
     for key in known:
@@ -91,7 +102,7 @@ def command(answers: Answers, output: Path) -> str:
 
 
 def wanted(name: str, tonnes: float) -> dict[str, Figure]:
-    """The figures of a type by key."""
+    """Return the figures of a type by key."""
     kind = machine_type(name)
     return {figure.key: figure for figure in figures(kind, tomllib.loads(_example(name)), tonnes)}
 
@@ -125,7 +136,7 @@ def _tonnes(given: GivenFigures, ask: Ask) -> float:
 
 
 def _answers(asked: Sequence[Figure], ask: Ask) -> dict[str, Value]:
-    """What is said about figures, by key; about node ids only when they are wanted."""
+    """Return the answers about figures, by key; node ids are asked for only on request."""
     nodes = [figure for figure in asked if figure.key.endswith(NODE_ID)]
     print(f"{len(asked) - len(nodes)} figures; Enter takes the value in brackets")
     said = {figure.key: _answer(figure, ask) for figure in asked if figure not in nodes}
@@ -138,7 +149,7 @@ def _answers(asked: Sequence[Figure], ask: Ask) -> dict[str, Value]:
 
 
 def _answer(figure: Figure, ask: Ask) -> Value:
-    """What is said about a figure, asked again until it can be; None for Enter."""
+    """Return the answer about a figure, asked again until it is valid; None for Enter."""
     shown = "from the rest" if figure.typical is None else _text(figure.typical)
     while True:
         answer = _said(ask, f"{figure.words} [{shown}]: ", f"--set {figure.key}")
@@ -174,7 +185,7 @@ def _check_nodes(values: Mapping[str, Value]) -> None:
 
 
 def write(answers: Answers, output: Path) -> tuple[str, ...]:
-    """The machine file, checked before it takes its place; returns warnings."""
+    """Write the machine file, checked before it replaces the output; return warnings."""
     _check_nodes(answers.values)
     kind, example = machine_type(answers.type), _example(answers.type)
     found = proposal(kind, tomllib.loads(example), answers.tonnes, answers.values, answers.given)
@@ -185,7 +196,7 @@ def write(answers: Answers, output: Path) -> tuple[str, ...]:
 
 
 def _narrowed(answers: Answers, found: ProposedMachine) -> Iterator[str]:
-    """What is to be said of angle ranges that were not given and do not fit the cylinders."""
+    """Yield sentences on typical angle ranges that were narrowed to fit the cylinders."""
     known = wanted(answers.type, answers.tonnes)
     for key, kept in found.narrowed.items():
         words = known[key].words.partition(": ")[2].partition(", ")[2].removesuffix(" [deg]")
@@ -196,7 +207,7 @@ def _narrowed(answers: Answers, found: ProposedMachine) -> Iterator[str]:
 
 
 def _warnings(temporary: Path, output: Path) -> tuple[str, ...]:
-    """What the checks warn of, once the file can be loaded and its machine can be moved."""
+    """Return the warnings of the checks, once the file can be loaded and its machine can be moved."""
     try:
         loaded = load(temporary)
         working_range(loaded.service.machine)
@@ -207,7 +218,7 @@ def _warnings(temporary: Path, output: Path) -> tuple[str, ...]:
 
 
 def list_figures(given: GivenFigures) -> None:
-    """What can be given with --set, with typical values and limits for a type and operating mass."""
+    """Print the keys for --set, with typical values and limits for a type and operating mass."""
     if given.type is None or given.tonnes is None:
         raise SettingsError(f"--list needs --type ({', '.join(TYPES)}) and --tonnes: typical values follow from them")
     print(f"{'key':24} {'typical':15} {'limits':15} what")

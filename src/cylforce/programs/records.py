@@ -1,4 +1,4 @@
-"""`cylforce records`: list, totals, ticket, labels and exports of what the service has booked."""
+"""`cylforce records`: list, totals, ticket, labels and exports of the service's bookings."""
 
 import json
 import sqlite3
@@ -23,7 +23,7 @@ from cylforce.signals.units import KILOGRAM, MassUnit
 
 
 def microseconds(text: str) -> int:
-    """A time from ISO text; without a zone it is UTC. Raises RecordingError."""
+    """Return a time [us] from ISO text; without a zone it is UTC. Raises RecordingError."""
     if not text:
         return 0
     try:
@@ -34,7 +34,7 @@ def microseconds(text: str) -> int:
 
 
 def list_bookings(path: Path, since: str, truck: int | None, last: int, unit: MassUnit = KILOGRAM) -> None:
-    """A table of bookings."""
+    """Print a table of bookings."""
     with closing(open_reading(path)) as connection:
         rows = bookings(connection, microseconds(since), truck, last)
     names = ("booking", "time (UTC)", "truck", "product", unit.symbol, "+-", "cycle s", "peak kN", "status")
@@ -60,7 +60,7 @@ def _table(names: tuple[str, ...]) -> Table:
 
 
 def show_totals(path: Path, which: str, zero: bool, unit: MassUnit = KILOGRAM) -> None:
-    """Totals per product and over all; with `zero` they begin anew afterwards."""
+    """Print totals per product and over all; with `zero` they restart afterwards."""
     with closing(open_labels(path) if zero else open_reading(path)) as connection:
         found = totals(connection, which)
         if zero:
@@ -73,20 +73,23 @@ def show_totals(path: Path, which: str, zero: bool, unit: MassUnit = KILOGRAM) -
 
 
 def export_bookings(path: Path, output: Path, since: str) -> None:
-    """The bookings as a file."""
+    """Write the bookings to a file."""
     check_outputs((output,), (path,))
     with closing(open_reading(path)) as connection:
         print(f"{export(connection, output, microseconds(since))} bookings written to {output}")
 
 
 def show_telematics(path: Path) -> None:
-    """The two payload figures of ISO 15143-3 as JSON."""
+    """Print the two payload figures of ISO 15143-3 as JSON."""
     with closing(open_reading(path)) as connection:
         print(json.dumps(telematics(connection), indent=1))
 
 
 def show_audit(path: Path, last: int) -> bool:
-    """The audit trail, and whether it is whole; `last` entries of it (0: all)."""
+    """Print the audit trail, and return whether it is whole.
+
+    last: number of entries; 0: all
+    """
     with closing(open_reading(path)) as connection:
         if version_of(connection) < AUDITED:
             raise RecordingError(f"{path}: is older than the audit trail: it begins when the service runs with it")
@@ -102,7 +105,7 @@ def show_audit(path: Path, last: int) -> bool:
 
 
 def print_ticket(path: Path, truck: int | None, unit: MassUnit = KILOGRAM) -> None:
-    """A ticket as text; it counts as printed."""
+    """Print a ticket as text; it counts as printed."""
     with closing(open_labels(path)) as connection:
         number = last_truck(connection) if truck is None else truck
         if number is None:
@@ -111,7 +114,7 @@ def print_ticket(path: Path, truck: int | None, unit: MassUnit = KILOGRAM) -> No
 
 
 def ticket_text(made: Ticket, unit: MassUnit = KILOGRAM) -> str:
-    """The ticket as lines."""
+    """Return the ticket as lines."""
     copy = "" if made.printed == 1 else f" (copy {made.printed - 1})"
     head = [f"Ticket {made.number}{copy}, truck {made.truck}", f"{made.machine}, {iso(made.t_us)}"]
     labels = [f"{name}: {text}" for name, text in made.labels.items() if text]
@@ -134,7 +137,7 @@ def _share(x: PartSum, made: Ticket, unit: MassUnit) -> str:
 
 
 def label(path: Path, truck: int | None, labels: dict[str, str], product: tuple[int, str] | None) -> None:
-    """Write whose truck it is (the last one, where none is named), or what a product is called."""
+    """Write the labels of a truck (of the last one without a number), or the name of a product."""
     with closing(open_labels(path)) as connection:
         if product is not None:
             name_product(connection, *product)
@@ -144,5 +147,5 @@ def label(path: Path, truck: int | None, labels: dict[str, str], product: tuple[
 
 
 def given(**labels: str | None) -> dict[str, Any]:
-    """The labels that were given."""
+    """Return the labels that were given."""
     return {name: text for name, text in labels.items() if text is not None}

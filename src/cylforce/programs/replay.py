@@ -34,7 +34,13 @@ Take = Callable[[Estimate], None]
 
 
 class Played(NamedTuple):
-    """What is left of a replay: bookings, sent frames that were compared and that differed, the state at its end."""
+    """Result of a replay.
+
+    bookings:  the bookings
+    compared:  number of sent frames that were compared
+    different: number of sent frames that differed
+    state:     state at the end
+    """
 
     bookings: list[Booking]
     compared: int
@@ -43,7 +49,14 @@ class Played(NamedTuple):
 
 
 class Replayed(NamedTuple):
-    """The same with all `estimates`, one per tick: an hour of them takes 600 MB."""
+    """Result of a replay with all estimates.
+
+    estimates: one per tick; an hour of them takes 600 MB
+    bookings:  the bookings
+    compared:  number of sent frames that were compared
+    different: number of sent frames that differed
+    state:     state at the end
+    """
 
     estimates: list[Estimate]
     bookings: list[Booking]
@@ -63,7 +76,7 @@ def run_replay(
 def stream_replay(
     loaded: Loaded, recording: Path, identified: Path | None, take: Take, tell: Callable[[str], None] = warn
 ) -> Played:
-    """The same in constant memory: every estimate goes to `take` and is not kept."""
+    """Play a recording through the core in constant memory: every estimate goes to `take` and is not kept."""
     core, now = make_core(loaded, identified, tell), header_of(loaded, identified, "")
     found = stream_through(core, loaded, recording, tell, take, now)
     if found.different:
@@ -76,8 +89,10 @@ def stream_replay(
 def replay_through(
     core: Core, loaded: Loaded, recording: Path, tell: Callable[[str], None], now: Header | None = None
 ) -> Replayed:
-    """Play a recording through a core. `now` is the header that a log of it would begin with: where given, a log that
-    continues an earlier one goes on from the state of that moment."""
+    """Play a recording through a core.
+
+    now: header of a log of this core; with it a log that continues an earlier one starts from the recorded state
+    """
     estimates: list[Estimate] = []
     return Replayed(estimates, *stream_through(core, loaded, recording, tell, estimates.append, now))
 
@@ -90,7 +105,7 @@ def stream_through(
     take: Take,
     now: Header | None = None,
 ) -> Played:
-    """The same in constant memory: every estimate goes to `take` and is not kept."""
+    """Play a recording through a core in constant memory: every estimate goes to `take` and is not kept."""
     source = open_pieces(recording, loaded.service, loaded.columns, report=tell)
     if isinstance(source, Events):
         header = source.header
@@ -101,7 +116,7 @@ def stream_through(
 
 
 def replay(core: Core, events: Iterable[Event | Sent], state: State, take: Take) -> Played:
-    """The scan of `step` over events from `state` on; frames that the daemon sent are compared bit by bit."""
+    """Apply `step` to events, beginning at `state`; frames that the daemon sent are compared bit by bit."""
     bookings: list[Booking] = []
     last = NOTHING
     compared = different = 0
@@ -132,9 +147,11 @@ def write_estimates(path: Path, estimates: Iterable[Estimate]) -> None:
 
 @contextmanager
 def estimates_table(path: Path) -> Iterator[Take]:
-    """Writes estimates as they come; the file takes its place when all are written. CSV: the time (`t_us`, `t_s` from
-    the start, `time` as ISO text) and one column per published value, SI; empty where there is no value; status and
-    reason as words."""
+    """Yield a function that writes estimates as they come; the file replaces `path` when all are written.
+
+    CSV has the time (`t_us`, `t_s` from the start, `time` as ISO text) and one column per published value, SI. It is
+    empty without a value; status and reason are words.
+    """
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer, begun = csv.writer(file), list[int]()
 
@@ -162,15 +179,18 @@ def _row(estimate: Estimate, begun: int) -> dict[str, str]:
 
 
 def column(estimates: list[Estimate], name: str) -> Array:
-    """One published value along a replay."""
+    """Return one published value along a replay."""
     return np.array([published(estimate)[name] for estimate in estimates])
 
 
 class Totals:
-    """What `show` says about a replay of any length, counted as its estimates come."""
+    """Counts for `show` about a replay of any length, updated with each estimate."""
 
     def __init__(self, rated_kg: float) -> None:
-        """`rated_kg`: the rated payload."""
+        """Begin with zero counts.
+
+        rated_kg: the rated payload
+        """
         self._rated = rated_kg
         self.begun_us: int | None = None
         self.steps = self.weights_ok = self.forces_ok = 0
@@ -178,7 +198,7 @@ class Totals:
         self._known = self._load = inf  # the least standard error [kg] of a weight, and of one that is a load
 
     def take(self, estimate: Estimate) -> None:
-        """One more estimate."""
+        """Count one more estimate."""
         if self.begun_us is None:
             self.begun_us = estimate.t_us
         self.steps += 1
@@ -187,7 +207,7 @@ class Totals:
         self.weigh(estimate.gross)
 
     def weigh(self, weight: Quantity) -> None:
-        """One more weight [kg]."""
+        """Count one more weight [kg]."""
         value, error, status, reason = weight
         if status is INVALID:
             self._reasons[reason] += 1
@@ -197,7 +217,7 @@ class Totals:
             self._load = error
 
     def unbooked(self) -> str:
-        """Why none of the weights became a booking, with the cure."""
+        """Return a sentence why none of the weights became a booking, with the cure."""
         enough, best = GOOD_ENOUGH * self._rated, self._known if self._load == inf else self._load
         if best == inf and self._reasons:
             reason, _ = self._reasons.most_common(1)[0]
@@ -213,7 +233,9 @@ class Totals:
 
 
 def show(found: Played, tally: Totals, console: Console) -> None:
-    """What was booked or why nothing was, how much was measured, whether the frames sent live came out again."""
+    """Print the bookings or why there are none, the share of valid estimates, and the comparison with the frames sent
+    live.
+    """
     for booking in found.bookings:
         at = (booking.t_us - (tally.begun_us or 0)) * 1e-6
         console.print(f"{at:8.1f} s  booked {booking.mass:.1f} kg +- {booking.standard_error:.1f} kg")

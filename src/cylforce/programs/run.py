@@ -48,7 +48,14 @@ NOT_SEEN_EMPTY = "the bucket was not seen empty clearly enough before the next l
 
 
 class LastLogged(NamedTuple):
-    """The state that was logged last: only changes are logged."""
+    """State that was logged last: only changes are logged.
+
+    reason:     why the weight is lost; NONE if it is not
+    status:     INVALID if it is lost, else OK
+    booked:     number of the last booking
+    missed:     number of the last load that was not booked
+    other_tool: whether the tool seems to be another one
+    """
 
     reason: Reason
     status: Status
@@ -92,7 +99,7 @@ class Daemon(Station[State]):
             self._j1939.claim(now_us())
 
     def _take(self, new: Parameters) -> None:
-        """From the next event on with other parameters; the log goes on in a new file, which begins with them."""
+        """Use other parameters from the next event on; the log continues in a new file, which begins with them."""
         self.core, self._step = new.core, partial(step, new.core)
         self.state = new.core.continued(self.state, None if new.seal == self._sealed else new.elsewhere)
         self._sealed = new.seal
@@ -106,30 +113,32 @@ class Daemon(Station[State]):
         self._books.reloaded(now_us(), new.seal)
 
     def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
-        """The step failed: the last that is on the bus are values that are none, and an emergency."""
+        """End the steps after an error in one: publish invalid values, and send an emergency."""
         super().give_up(loop)
         nothing = no_estimate(self.state.estimate.t_us, Reason.STARTING, self.state.estimate.booking)
         for number, data in frames(self.core.service.publication, nothing):
             self.node.publish(number, data)
 
     def protected(self, words: str) -> None:
-        """Into the journal and the audit trail."""
+        """Enter an event of the lock into the journal and the audit trail."""
         super().protected(words)
         self._books.audit(now_us(), "SDO client", words)
 
     def after_frame(self, frame: Frame) -> None:
-        """Another node may claim our J1939 address."""
+        """Check a frame for a claim of our J1939 address by another node."""
         if self._j1939 is not None:
             self._j1939.on_frame(frame)
 
     def before_tick(self, t_us: int) -> None:
-        """When the log is full, was renamed, or failed a while ago: a new file, which begins with what the service
-        remembers now."""
+        """Begin a new log file when the log is full, was renamed, or failed before.
+
+        It begins with the service's present memory.
+        """
         if self.log is not None and self.log.needs_new_file:
             self.log.begin_file(partial(continued, self.log.header, self.state), t_us)
 
     def after_sync(self) -> None:
-        """Publish the adaptation's state, log what has changed."""
+        """Publish the adaptation's state, log changes."""
         self._say_collisions(self.state.estimate.t_us)
         if 1 in self.due:
             self._show_drift()
@@ -144,7 +153,7 @@ class Daemon(Station[State]):
         self.on_estimate(self.state.estimate)
 
     def _say_collisions(self, t_us: int) -> None:
-        """An emergency while another node uses a sensor's identifiers, or ours."""
+        """Send an emergency while another node uses a sensor's identifiers, or ours."""
         inputs = self.state.inputs
         for pdo in self.core.assembler.supervisor.doubled(inputs, t_us):
             self.edge.health.doubled(pdo.node_id, t_us)
@@ -152,20 +161,20 @@ class Daemon(Station[State]):
             self.edge.health.doubled(self.core.service.node_id, t_us)
 
     def _show_drift(self) -> None:
-        """The adaptation's state in the object dictionary."""
+        """Show the adaptation's state in the object dictionary."""
         if self.core.adapts:
             drift = self.state.drift
             self.node.set_value(ADAPTATION, 1, round(10.0 * drift.mass))
             self.node.set_value(ADAPTATION, 2, FOLLOWING if drift.following else FROZEN)
 
     def _show_unexplained(self) -> None:
-        """What the empty machine does not explain, in the object dictionary."""
+        """Show the residual torque of the empty machine in the object dictionary."""
         shown = [round(torque) for torque in self.state.unexplained[:JOINTS]]
         for k, torque in enumerate(shown + [not_available("i")] * (JOINTS - len(shown)), 1):
             self.node.set_value(UNEXPLAINED, k, torque)
 
     def _say_changes(self, estimate: Estimate) -> None:
-        """One line when the measurement is lost or back, one for every booking."""
+        """Log one line when the measurement is lost or back, and one for every booking."""
         lost = self.state.pipe is None
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
@@ -209,23 +218,23 @@ class Daemon(Station[State]):
 
 
 def why_missed(missed: Missed) -> str:
-    """Why a load is not booked, in words."""
+    """Return why a load is not booked, in words."""
     return NOT_MEASURED if missed.interrupted else NOT_SEEN_EMPTY
 
 
 def _j1939_of(service: Service, bus: Bus) -> J1939 | None:
-    """Our node on J1939, where the machine file wants one."""
+    """Return our node on J1939; None where the machine file has none."""
     if service.j1939_address is None:
         return None
     return J1939(bus.send, Claim(service.j1939_address, name_of(service.node_id)), warn)
 
 
 def _ignore(estimate: Estimate) -> None:
-    """No one asked for the estimates."""
+    """Ignore an estimate."""
 
 
 def status_line(estimate: Estimate, counts: Counts, bus: Bus) -> str:
-    """One line for a terminal."""
+    """Return one line for a terminal."""
     force = estimate.force
     turn = "" if force.direction.status is Status.INVALID else f" at {degrees(force.direction.value):.0f} deg"
     return (
@@ -242,7 +251,7 @@ def _text(q: Quantity, unit: str, scale: float) -> str:
 
 
 def show_status(daemon: Daemon) -> None:
-    """The status line, where there is a terminal."""
+    """Print the status line, where there is a terminal."""
     if sys.stdout.isatty():
         line = status_line(daemon.state.estimate, daemon.counts, daemon.bus)
         sys.stdout.write(f"\r\x1b[K{line}")
@@ -250,7 +259,7 @@ def show_status(daemon: Daemon) -> None:
 
 
 def _check_log(log: Path, inputs: Sequence[Path | None]) -> None:
-    """Whether the name can be meant; that nothing can be written there now does not prevent measuring."""
+    """Check the name of the log; a file that cannot be written now does not prevent measuring."""
     if log.suffix.lower() != ".log":
         raise RecordingError(f"--log {log}: must end in .log: by that ending it is read again")
     if log.is_dir() or is_stream(log):
@@ -272,7 +281,7 @@ def run_daemon(
     records: Path | None,
     lock_file: Path | None = None,
 ) -> Counts:
-    """The daemon until a signal. Raises BusError, SettingsError, RecordingError or ValueError with a sentence."""
+    """Run the daemon until a signal. Raises BusError, SettingsError, RecordingError or ValueError with a sentence."""
     configure_messages()
     code = None if lock_file is None else read_code(lock_file)
     if log is not None:

@@ -19,7 +19,10 @@ ORDERS = (SHOW, *ALONE, *NUMBERED, ATTACHMENT)
 
 
 def run_scale(machine: Path, bus_name: str, order: str, value: str | None, unit: MassUnit = KILOGRAM) -> bool:
-    """Send an order, print the answer and the truck; whether it was done. Raises ValueError for what is no order."""
+    """Send an order, print the answer and the truck; return whether it was done.
+
+    Raises ValueError for an invalid order.
+    """
     service = load_machine(machine).service
     number = number_of(order, value, service.tools)
     number = number * unit.kg if number and order in MASSES else number
@@ -33,8 +36,10 @@ def run_scale(machine: Path, bus_name: str, order: str, value: str | None, unit:
 
 
 def number_of(order: str, value: str | None, tools: tuple[str, ...]) -> float | None:
-    """The number that an order needs, of an attachment its place among the tools. Raises ValueError for an unknown
-    order, and where a number is missing, none, or too much."""
+    """Return the number that an order needs; of an attachment its number among the tools.
+
+    Raises ValueError for an unknown order, and where a number is missing, invalid, or not allowed.
+    """
     if order not in ORDERS:
         raise ValueError(f"{order}: is no order: use {', '.join(ORDERS)}")
     if (order in (*NUMBERED, ATTACHMENT)) is not (value is not None):
@@ -53,7 +58,7 @@ def number_of(order: str, value: str | None, tools: tuple[str, ...]) -> float | 
 
 
 async def ordered(bus: Bus, node_id: int, order: str, number: float) -> tuple[Reply, TruckState | None]:
-    """The service's answer to an order, and the truck afterwards."""
+    """Return the service's answer to an order, and the truck afterwards."""
     network = Network(bus.send)
     bus.attach(asyncio.get_running_loop(), network.on_frame)
     panel = Panel(network, node_id)
@@ -64,7 +69,7 @@ async def ordered(bus: Bus, node_id: int, order: str, number: float) -> tuple[Re
 
 
 def told(known: TruckState | None, tools: tuple[str, ...], unit: MassUnit = KILOGRAM) -> str:
-    """The truck in a line."""
+    """Return the truck in a line."""
     if known is None:
         return ""
     target = f" of {unit.text(known.target)} {unit.symbol}" if known.target else ""

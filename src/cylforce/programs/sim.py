@@ -52,7 +52,7 @@ def run_sim(
     Parameters
     ----------
     machine_file
-        The machine file (TOML); the simulated machine's masses are off from it by the fraction `mass_error`.
+        The machine file (TOML); the simulated machine's masses differ from it by the fraction `mass_error`.
     scenario
         "moves": commissioning moves for `duration` [s]. "cycles": `cycles` digging cycles of at most 15
         s.
@@ -68,13 +68,13 @@ def run_sim(
     motion
         A table of joint angles over time (see `files/motion_table.py`) that is played in place of a scenario.
     payload, turning
-        The moves with so much in the bucket [kg], with the house turning to and fro.
+        The moves with this load in the bucket [kg], with the house turning to and fro.
     attachment
         The tool on the machine.
     truth
-        Where the truth goes (CSV after one line of JSON), never to be read by the daemon.
+        File of the truth (CSV after one line of JSON), never to be read by the daemon.
     bus
-        "INTERFACE:CHANNEL": be the sensors on this bus, on the real clock, until the run is over.
+        "INTERFACE:CHANNEL": simulate the sensors on this bus, on the real clock, until the run is over.
     log, table
         Without a bus: the events (candump text) that the daemon would see, the samples (CSV or Parquet, SI
         units).
@@ -148,7 +148,7 @@ def _check_wanted(bus: str | None, truth: Path | None, log: Path | None, table: 
 
 
 def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | None) -> None:
-    """The run into files, faster than real time, part by part."""
+    """Write the run to files, faster than real time, one piece after the other."""
     parts: list[tuple[Array, Array]] = []
     with ExitStack() as files:
         records = play.records
@@ -166,7 +166,7 @@ def write_files(play: Play, truth: Path | None, log: Path | None, table: Path | 
 
 
 def _with_truth(play: Play, records: Iterable[Record], path: Path, files: ExitStack) -> Iterator[Record]:
-    """The records as they come, each after its truth was written."""
+    """Yield the records as they come, each after its truth was written."""
     writer: TruthWriter | None = None
     for record in records:
         names, rows = truth_columns(play.service.machine, record)
@@ -178,19 +178,19 @@ def _with_truth(play: Play, records: Iterable[Record], path: Path, files: ExitSt
 
 
 def _remembered(records: Iterable[Record], parts: list[tuple[Array, Array]]) -> Iterator[Record]:
-    """The records as they come; `parts` receives their times and values."""
+    """Yield the records as they come; `parts` receives their times and values."""
     for record in records:
         parts.append((record.t, record.values))
         yield record
 
 
 def times_us(record: Record) -> list[int]:
-    """When a record's samples are taken [us]: at the SYNC that goes out with the tick."""
+    """Return the times of a record's samples [us]: at the SYNC that is sent with the tick."""
     return [START_US + round(1e6 * t) for t in record.t.tolist()]
 
 
 def write_log(play: Play, records: Iterable[Record], path: Path) -> None:
-    """The events of the run as the daemon would have logged them."""
+    """Write the events of the run as the daemon would have logged them."""
     events = bus_events(play.service, play.made, records, START_US, np.random.default_rng((play.seed, 3)))
     with replacing(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
         file.write(header_lines(header(play), START_US))
@@ -199,7 +199,7 @@ def write_log(play: Play, records: Iterable[Record], path: Path) -> None:
 
 
 def header(play: Play) -> Header:
-    """What the log of a simulated run begins with: nothing zeroed, nothing identified."""
+    """Return the header of the log of a simulated run: nothing zeroed, nothing identified."""
     return Header(
         versions=running_versions(),
         machine=str(play.loaded.path),

@@ -1,9 +1,9 @@
-"""Rows of joints for shifted clocks: the torque that masses and friction leave when some pressures run on another
-clock.
+"""Residual torque of joints for shifted clocks: some pressures run on another clock than the angles.
 
-Masses and friction are fitted anew for every clock, with the data sheet and its tolerances as prior. Each row has the
-weight with which it fits on one clock (errors of Cauchy's distribution): a load or a contact makes some rows fit badly,
-two clocks nearly all."""
+Masses and friction are fitted anew for every clock, with the data sheet and its tolerances as prior. Each row is
+weighted by its fit on one clock (errors of Cauchy's distribution): a load or a contact makes some rows fit badly,
+two clocks nearly all.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,11 +21,11 @@ from cylforce.readings.recording import Recording, SlowRows
 from cylforce.signals.estimate import Array
 
 LAWS = ("coulomb", "viscous")  # of friction, beside the masses
-PIECE_S = 120.0  # of a recording that is examined together, about: what is computed in a second
-EDGE_S = 2.0  # of a piece, at either end, that only lends its pressures
+PIECE_S = 120.0  # of a recording that is examined together, about: it takes a second to compute
+EDGE_S = 2.0  # of a piece, at either end, of which only the pressures are used
 EVERY_S = 0.4  # a row: the period of the lowest low-pass of a service, 2.5 Hz
 BLOCK_S = BLOCK_ROWS / ROWS_HZ  # within which errors are alike
-MOVING = 0.9  # of the friction's direction that must be known
+MOVING = 0.9  # least certainty of the friction's direction
 ENOUGH_S = 10.0  # of motion of a joint: twice as many rows as parameters
 REWEIGHTINGS = 15
 SLICE = 500  # clocks at once
@@ -35,9 +35,9 @@ SLICE = 500  # clocks at once
 class Clock:
     """Clocks of pressures against motion.
 
-    rate:   (K,) seconds of the pressures' clock a second
-    offset: (K,) [s]
-    since:  (K,) time from which on this holds [s]; one clock before
+    rate:   (K,) seconds of the pressures' clock per second
+    offset: (K,) offset of the pressures' clock [s]
+    since:  (K,) time from which on the pressures' clock differs [s]
     """
 
     rate: Array
@@ -46,7 +46,7 @@ class Clock:
 
     @property
     def flat(self) -> "Clock":
-        """All clocks of a lattice in a row."""
+        """Clocks of a lattice in one row."""
         return Clock(self.rate.ravel(), self.offset.ravel(), self.since.ravel())
 
     def only(self, k: slice | NDArray[np.intp]) -> "Clock":
@@ -69,9 +69,9 @@ class JointRows:
 
     columns:   (T, P) of masses and friction, in standard errors of the data sheet
     known:     (T,) torque of the data sheet less that of other forces than the pressures' [N m]
-    levers:    (T, S) torque of each pressure sensor of its cylinders [N m/Pa]
+    levers:    (T, S) torque per pressure, for each pressure sensor of its cylinders [N m/Pa]
     t:         (T,) time since the beginning of the piece [s]
-    pressures: (F, S) pressures [Pa], every `every` [s]
+    pressures: (F, S) pressures [Pa], one row per `every`
     every:     period of the pressures [s]
     names:     of the sensors
     """
@@ -86,7 +86,7 @@ class JointRows:
 
     @property
     def ends(self) -> float:
-        """The last time [s] with a pressure."""
+        """Last time [s] with a pressure."""
         return (len(self.pressures) - 1) * self.every
 
     def rows(self, clock: Clock) -> NDArray[np.intp]:
@@ -95,7 +95,7 @@ class JointRows:
 
     @cached_property
     def choices(self) -> tuple[tuple[int, ...], ...]:
-        """All sets of sensors that may be on another clock together."""
+        """Sets of sensors that may be on another clock together."""
         each = range(len(self.names))
         return tuple(sensors for n in each for sensors in combinations(each, n + 1))
 
@@ -135,8 +135,11 @@ class JointRows:
 
     @cached_property
     def _one_clock(self) -> tuple[Array, Array, Array]:
-        """On one clock: columns of rows of unit noise (T, P); of the first 0..T rows the covariance of the parameters
-        (T+1, P, P) and the energy of the residual (T+1,)."""
+        """Columns, covariances and energies on one clock.
+
+        Columns (T, P) are of rows of unit noise. The covariance of the parameters (T+1, P, P) and the energy of the
+        residual (T+1,) are those of the first 0..T rows.
+        """
         columns, torque = self.columns / self.noise[:, None], (self._torque - self.known) / self.noise
         gram, score = running_sums(columns[:, :, None] * columns[:, None]), running_sums(columns * torque[:, None])
         covariance = np.asarray(np.linalg.inv(gram + np.eye(columns.shape[1])), dtype=np.float64)
@@ -159,7 +162,7 @@ class JointRows:
         return np.where(rows * EVERY_S > ENOUGH_S, gain, -np.inf)
 
     def best(self, clock: Clock) -> tuple[Array, NDArray[np.intp]]:
-        """Return of each clock the evidence (K,) of the sensors that fit it best, and the numbers of these choices."""
+        """Return the evidence (K,) of the best sensors for each clock, and the numbers of these choices."""
         each = np.stack([self.gains(sensors, clock) for sensors in self.choices])
         return np.max(each, axis=0), np.argmax(each, axis=0)
 
@@ -181,7 +184,10 @@ def running_sums(each: Array) -> Array:
 
 
 def pieces(model: Model, recording: Recording) -> Iterator[tuple[float, list[JointRows]]]:
-    """Yield the pieces of a recording, PIECE_S long or up to half as long again: beginning [s], joints that move."""
+    """Yield the pieces of a recording: beginning [s], and the joints that move.
+
+    A piece has PIECE_S to one and a half times as much.
+    """
     rows = SlowRows(replace(model, friction=LAWS))
     model, load_kg, machine = rows.slow, recording.load_kg, model.machine
     thin, every = rows.thinned(recording.values), 1.0 / model.filters.rate_hz
@@ -217,7 +223,7 @@ def pieces(model: Model, recording: Recording) -> Iterator[tuple[float, list[Joi
 
 
 def _areas(model: Model, sample: Array, sensors: Sequence[int]) -> Array:
-    """Return what each pressure sensor adds to each cylinder's force (S, C) [N/Pa]."""
+    """Return the contribution (S, C) [N/Pa] of each pressure sensor to the force of each cylinder."""
     unit = 1e5
     values = np.tile(sample, (len(sensors) + 1, 1))
     values[np.arange(len(sensors)), list(sensors)] += unit

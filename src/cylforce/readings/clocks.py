@@ -1,10 +1,11 @@
-"""Clock faults: whether pressures and angles were recorded on one clock.
+"""Clock faults: pressures and angles that were not recorded on one clock.
 
-This comes before any effect, because all effects are fitted to forces and motion that are taken to belong together.
-Every pressure sensor may have a clock of its own. A clock shows the pressures of time t at `rate * t + offset`, or
-shifts them by an offset from some instant on. At each joint those pressure sensors count that fit such a clock best, or
-none. Joints with the same clock are one fault. Motion that repeats itself fits other lags nearly as well; these are
-reported as alternatives."""
+They are examined before any effect, because effects are fitted to forces and motion of the same instant. Every
+pressure sensor may have a clock of its own. A clock shows the pressures of time t at `rate * t + offset`, or shifts
+them by an offset from some instant on. At each joint the pressure sensors count that fit such a clock best, or none.
+Joints with the same clock are one fault. Periodic motion fits other lags nearly as well; these are reported as
+alternatives.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -34,12 +35,14 @@ JOINT_NATS = float(np.log(CREDIBLE / (1.0 - CREDIBLE)))  # evidence that a joint
 
 @dataclass(frozen=True)
 class ClockSlip:
-    """A piece of a recording in which pressures are not on the clock of the angles.
+    """Piece of a recording in which pressures are not on the clock of the angles.
 
     name:         of the recording
-    begins, ends: of the piece [s]
-    first, last:  lag of the pressures at its beginning and at its end [s]
-    errors:       (2,) standard errors of both [s]
+    begins:       beginning of the piece [s]
+    ends:         end of the piece [s]
+    first:        lag of the pressures at its beginning [s]
+    last:         lag of the pressures at its end [s]
+    errors:       (2,) standard errors of both lags [s]
     closed:       share of the energy of the residual at their joints that the right clock removes
     sensors:      names of the pressure sensors on that clock
     whole:        whether these are all pressure sensors of joints that move
@@ -61,7 +64,7 @@ class ClockSlip:
 
     @property
     def largest(self) -> tuple[float, float]:
-        """The larger of both lags [s] and its standard error."""
+        """Larger of both lags [s] and its standard error."""
         return max((self.first, float(self.errors[0])), (self.last, float(self.errors[1])), key=lambda lag: abs(lag[0]))
 
     @property
@@ -99,7 +102,7 @@ def faults_of_piece(recording: Recording, begins: float, joints: Sequence[JointR
 
 
 def _fault(name: str, begins: float, shifted: Sequence[JointChoice], peaks: Sequence[Peak]) -> ClockSlip:
-    """Return the fault of the best peak, with the other peaks that may be it."""
+    """Return the fault of the best peak, with alternative peaks."""
     clock, best = peaks[0]
     before, after = np.sum([joint.energy(sensors, clock) for joint, sensors in shifted], axis=0).tolist()
     span = EDGE_S, min(shifted[0][0].ends - EDGE_S, float((shifted[0][0].ends - clock.offset[0]) / clock.rate[0]))
@@ -121,7 +124,7 @@ def _fault(name: str, begins: float, shifted: Sequence[JointChoice], peaks: Sequ
 
 
 def _peaks(joints: Sequence[JointRows]) -> list[Peak]:
-    """Return the clocks that fit better than all beside them, refined, the best first."""
+    """Return the clocks that fit better than all their neighbours, refined, the best first."""
     found: list[Peak] = []
     for lattice in _lattices(joints[0].ends):
         shape, clock = lattice.rate.shape, lattice.flat
@@ -189,7 +192,7 @@ def _errors(
 
     They add the curvature of the evidence at the best peak and the distance of the near peaks from it.
     lags: (H, 2) lags of the near peaks [s]
-    near: which peaks are near
+    near: True for the peaks that are near
     """
     clock, (first, last), h = peaks[0][0], span, 1.0 / ROWS_HZ
     steps = h * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1)], dtype=np.float64)

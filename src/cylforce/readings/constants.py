@@ -1,4 +1,4 @@
-"""Every number that a decision on readings rests on, with its origin: physics, a convention, or a fit by a command."""
+"""Constants of the decisions about readings, each with its origin: physics, a convention, or a fit by a command."""
 
 # Prior probabilities; conventions that the chapter of the diagnosis states.
 HEALTHY = 0.5  # of a healthy machine
@@ -7,8 +7,8 @@ CREDIBLE = 0.9  # probability of a credible set, and from which on one of severa
 SURE = 0.8  # probability from which on a cause is named alone: a name then costs less than "unknown"
 
 # Sizes.
-HALF = 0.5  # of the gap's energy, or of the samples: the most of it, which a hypothesis must explain to be one
-CLEAR_GAP = 2.0  # noise floors: a difference that healthy machines never show
+HALF = 0.5  # of the gap's energy, or of the samples: least share that a hypothesis must explain
+CLEAR_GAP = 2.0  # noise floors: a difference beyond that of healthy machines
 NOISY = 3.0  # times the usual noise; convention: nine times the power, twice would name sensors that are merely poor
 JUMPS_HZ = (1.0 / 86400.0, 0.5)  # rate of jumps, log-uniform: once a day to every other second; physics: loose contacts
 FALSE_LINES = 0.01  # lines of a spectrum that noise alone would show in a diagnosis; convention

@@ -1,4 +1,4 @@
-"""Sensors whose readings cannot be those of the machine: frozen, reversed, exchanged, or in other units."""
+"""Sensors whose readings cannot be the machine's: frozen, reversed, exchanged, or in other units."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,10 +18,10 @@ from cylforce.signals.units import BAR
 
 @dataclass(frozen=True)
 class FaultySensor:
-    """A sensor whose readings are not those of the machine.
+    """Sensor whose readings are not those of the machine.
 
     name:     of the recording
-    sentence: what is wrong, and the cure
+    sentence: fault and cure
     """
 
     name: str
@@ -31,9 +31,9 @@ class FaultySensor:
 def faulty_sensors(
     model: Model, recordings: Sequence[Recording], others: Sequence[Recording] = ()
 ) -> list[FaultySensor]:
-    """Return all faulty sensors of recordings, each once.
+    """Return all sensors with a fault in recordings, each once.
 
-    others: recordings of the machine that show how its sensors read usually
+    others: further recordings of the machine, for comparison
     """
     found = [*_out_of_range(model, recordings), *_without_pressure(model, recordings)]
     found += [*_frozen_pressures(model, recordings), *_frozen_angles(model, recordings, others)]
@@ -41,7 +41,7 @@ def faulty_sensors(
 
 
 def _out_of_range(model: Model, recordings: Sequence[Recording]) -> Iterator[FaultySensor]:
-    """Yield sensors that read mostly outside of their range, by more than an error of their zero may be."""
+    """Yield sensors that read mostly outside their range, by more than the largest error of their zero."""
     for name in names_of(recordings):
         values = samples_of(recordings, name)
         for place, zero in ((Place.PRESSURE, PressureOffset()), (Place.ANGLE, AngleOffset())):
@@ -56,7 +56,7 @@ def _out_of_range(model: Model, recordings: Sequence[Recording]) -> Iterator[Fau
 
 
 def _without_pressure(model: Model, recordings: Sequence[Recording]) -> Iterator[FaultySensor]:
-    """Yield recordings of a machine that no pressure holds up."""
+    """Yield recordings in which no pressure supports the machine."""
     sensors = [k for k, s in enumerate(model.machine.signals) if s.kind in SIDES]
     for name in names_of(recordings):
         values = samples_of(recordings, name)[:, sensors]
@@ -103,9 +103,9 @@ def _frozen_angles(
 ) -> Iterator[FaultySensor]:
     """Yield angle sensors that are frozen although their joint moves.
 
-    Either they read exactly the same for three seconds and then change by more in one sample than at any other moment.
-    Or they do so until a recording ends while another reading changes, never in the other recordings, and without
-    steps that are coarser than their noise, which a joint that stands would show.
+    A frozen sensor repeats one value for three seconds, then changes by more in one sample than at any other time. Or
+    it repeats the value until the recording ends while another reading changes, and never in other recordings. Its
+    steps must not be coarser than its noise, as those of a joint at rest are.
     """
     rate, everything = model.filters.rate_hz, [*recordings, *others]
     shortest = round(BLOCK_ROWS / ROWS_HZ * rate)
@@ -130,10 +130,11 @@ def _frozen_angles(
 
 @dataclass(frozen=True)
 class _Run:
-    """A run of exactly equal samples.
+    """Run of exactly equal samples.
 
-    first, last: samples
-    jump:        the larger of the steps before and after it
+    first: number of the first sample
+    last:  number of the last sample
+    jump:  the larger of the steps before and after it
     """
 
     first: int
@@ -143,12 +144,12 @@ class _Run:
 
 @dataclass(frozen=True)
 class _Holding:
-    """Where a reading stays exactly the same for long.
+    """Long runs of equal samples of a reading.
 
-    runs:    long runs of equal samples
+    runs:    the runs
     fastest: the largest step elsewhere
     least:   the least step of all
-    whole:   whether it never changes
+    whole:   whether the reading never changes
     """
 
     runs: list[_Run]
@@ -158,7 +159,7 @@ class _Holding:
 
     @classmethod
     def of(cls, values: Array, shortest: int) -> "_Holding":
-        """Return it of samples (T,); a run has at least `shortest` of them."""
+        """Return the long runs of samples (T,); each has at least `shortest` samples."""
         first, last, change = _equal_runs(values)
         change = np.nan_to_num(change)
         sizes = np.concatenate([[0.0], change, [0.0]])
@@ -171,9 +172,9 @@ class _Holding:
 
 
 def _exchanged(model: Model, recordings: Sequence[Recording]) -> Iterator[FaultySensor]:
-    """Yield head and rod sides that are exchanged.
+    """Yield exchanged head and rod sides.
 
-    Over a whole recording the cylinder's torque is nearer to none than to the data sheet's, as if weights pulled
+    Over a whole recording the cylinder's torque is nearer to zero than to the data sheet's, as if weights pulled
     upwards. With its two pressures exchanged it is CLEAR_GAP times nearer to the data sheet's.
     """
     signals, rows, sheet = model.machine.signals, SlowRows(model), model.prior.mean
@@ -211,7 +212,7 @@ def _mean_squares(residual: Array) -> Array:
 def _longest_run(values: Array, noise: float) -> list[tuple[int, int]]:
     """Return first and last sample of the longest run of equal samples, if the sensor may be frozen there.
 
-    It may not at the least or greatest value, nor where it reads in steps coarser than its noise.
+    It is not frozen at the least or greatest value, nor if its steps are coarser than its noise.
     """
     first, last, change = _equal_runs(values)
     if not len(values) or (len(change) and np.min(change) > noise):
@@ -224,7 +225,7 @@ def _longest_run(values: Array, noise: float) -> list[tuple[int, int]]:
 
 
 def _equal_runs(values: Array) -> tuple[Array, Array, Array]:
-    """Return first and last sample of every run of equal samples of (T,), and the sizes of the steps between them."""
+    """Return first and last sample of each run of equal samples of (T,), and the sizes of the steps between them."""
     change = np.abs(np.diff(values))
     steps = np.flatnonzero(change != 0.0)
     return np.concatenate([[0], steps + 1]), np.concatenate([steps, [len(values) - 1]]), change[steps]

@@ -1,7 +1,8 @@
-"""Jumps of readings for moments, as with a loose contact: found in the raw readings, because the filters smear them.
+"""Short jumps of readings, as with a loose contact: found in the raw readings, because the filters smear them.
 
-Numbers of jumps are Poisson. Either field and references have one rate of jumps, or each its own; rates are
-log-uniform. A sensor that more probably jumps than not becomes an effect with the jumps that were found."""
+Numbers of jumps are Poisson. Field recording and references have either one rate of jumps, or each its own; rates are
+log-uniform. A sensor that more probably jumps than not becomes an effect with the jumps that were found.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from cylforce.readings.recording import Recording
 from cylforce.signals.estimate import Array
 
 NAME = IntermittentGlitch().about.name
-NEAR_S = 0.1  # around a jump, in which more of it is looked for; convention: a third of the longest one
+NEAR_S = 0.1  # around a jump, searched for more of it; convention: a third of the longest one
 RATES = np.geomspace(*JUMPS_HZ, 200)
 PER_JUMP = 3  # numbers that describe a jump: begin [s], duration [s], direction
 Flags = NDArray[np.bool_]
@@ -28,9 +29,9 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class JumpingSensor:
-    """A sensor whose readings jump.
+    """Sensor whose readings jump.
 
-    proposal: the effect at its place, with its jumps
+    proposal: the effect at its location, with its jumps
     nats:     evidence of their number
     """
 
@@ -66,7 +67,7 @@ def jumping_sensors(
 
 
 def _jumping(readings: Array, rate_hz: float) -> Flags:
-    """Return which samples (T, S) of some sensors belong to jumps."""
+    """Return the samples (T, S) of some sensors that belong to jumps."""
     return np.stack([glitches(reading, 1.0 / rate_hz) for reading in readings.T], axis=1)
 
 
@@ -75,7 +76,7 @@ def _jumps(
 ) -> tuple[float, ...]:
     """Return begin [s], duration [s] and direction of every jump of a sensor, one after the other.
 
-    Readings that jump together are no loose contact but a knock.
+    Readings that jump together indicate a knock, not a loose contact.
     which: number of the sensor among all signals, and in `flags`
     """
     signal, column = which
@@ -92,10 +93,10 @@ def _jumps(
 
 
 def _directions(reading: Array, jumping: Flags, rate_hz: float) -> Array:
-    """Return of every sample (T,) 1 or -1 where it is off by about the usual height of a jump, up or down, else 0.
+    """Return 1 or -1 of each sample (T,) that is off by about the height of a jump, up or down, else 0.
 
     Within a jump a loose contact may change sides from sample to sample.
-    jumping: (T,) samples that surely belong to jumps
+    jumping: (T,) samples that certainly belong to jumps
     """
     if not np.any(jumping):
         return np.zeros(len(reading))

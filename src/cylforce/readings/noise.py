@@ -1,6 +1,7 @@
-"""White noise of sensors in a recording, compared with what they declare and with what the references show.
+"""White noise of sensors in a recording, compared with the declared one and with that in the references.
 
-The filters of the diagnosis remove it, so that nothing else shows a noisy sensor."""
+The filters of the diagnosis remove it: only this test finds a noisy sensor.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +22,8 @@ FEWEST = 100  # samples, below which no noise is computed
 def white_noise(recordings: Sequence[Recording]) -> Array:
     """Return the standard deviation (S,) of each signal's white noise; NaN with too few samples.
 
-    It is the mean square of second differences, in which motion hardly shows. Differences beyond FARTHEST are left out,
-    so that jumps do not count. (A median alone is wrong by half where a reading has coarse steps.)
+    It is the mean square of second differences, to which motion contributes little. Differences beyond FARTHEST are
+    excluded, so that jumps do not count. (A median alone is wrong by half where a reading has coarse steps.)
     """
     each = [np.diff(r.values, 2, axis=0) for r in recordings if len(r.values) > 2]
     if sum(len(part) for part in each) < FEWEST:
@@ -34,7 +35,7 @@ def white_noise(recordings: Sequence[Recording]) -> Array:
 
 
 def usual_noise(machine: Machine, recordings: Sequence[Recording]) -> Array:
-    """Return the white noise (S,) that recordings show of every sensor, or where they show none, what it declares."""
+    """Return the white noise (S,) of each sensor in recordings; the declared one where they have none."""
     declared = np.array([s.standard_error for s in machine.signals])
     shown = white_noise(recordings) if recordings else np.full(len(declared), np.nan)
     return np.asarray(np.where(np.nan_to_num(shown) > 0.0, shown, declared))
@@ -45,9 +46,9 @@ class SensorNoise:
     """White noise of a sensor, standard deviations in SI units.
 
     sensor:   its name
-    seen:     in the field recordings
-    declared: in the machine file
-    before:   in the references; None without any
+    seen:     noise in the field recordings
+    declared: noise in the machine file
+    before:   noise in the references; None without any
     shakes:   whether `seen` is NOISY times both
     """
 
@@ -59,7 +60,9 @@ class SensorNoise:
 
 
 def sensor_noise(machine: Machine, field: Sequence[Recording], references: Sequence[Recording]) -> list[SensorNoise]:
-    """Return the noise of every sensor of which it is known, the noisiest against its usual noise first."""
+    """Return the noise of every sensor with enough samples, sorted by its ratio to the declared or the references'
+    noise.
+    """
     seen = white_noise(field)
     before = white_noise(references) if references else np.full(len(seen), np.nan)
     declared = np.array([s.standard_error for s in machine.signals])

@@ -1,7 +1,8 @@
-"""Outlier references: recordings of the healthy machine that are unlike the others.
+"""Outlier references: recordings of the healthy machine that differ from the others.
 
 They are compared by prediction: the residual of each with the parameters of the others, with the data sheet as prior.
-Where a known load hangs is fitted to each recording by itself."""
+The centre of a known load is fitted to each recording separately.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ LOAD_PRECISION = np.diag(np.array(LOAD_CENTRE) ** -2.0)
 
 @dataclass(frozen=True)
 class References:
-    """References as products of their columns.
+    """Reference recordings as products of their columns.
 
     prior: of the P parameters
     grams: by name of the recording (R, P + LOAD + 2, P + LOAD + 2): parameters, centre of its load, torque [N m], ones
@@ -33,8 +34,8 @@ class References:
     def of(cls, prior: Prior, columns: Sequence[tuple[str, Array]]) -> "References":
         """Return the products of columns (T, R, P + LOAD + 1) of stretches, each with the name of its recording.
 
-        The columns are those of the parameters, of where a known load hangs (zero without one), and the torque without
-        the load's mass; rows with NaN do not count.
+        The columns are those of the parameters, of the centre of a known load (zero without one), and the torque
+        without the load's mass; rows with NaN do not count.
         """
         grams = dict[str, Array]()
         for name, each in columns:
@@ -49,7 +50,7 @@ class References:
         return len(self.prior.mean)
 
     def outliers(self) -> list[str]:
-        """Return the names of references that are unlike the others, the worst first."""
+        """Return the names of outlier references, the worst first."""
         found, remaining = list[str](), self
         while len(remaining.grams) >= FEWEST and (worst := remaining.worst()):
             found.append(worst)
@@ -57,7 +58,8 @@ class References:
         return found
 
     def contradiction(self) -> float:
-        """Return how many times as large a residual two references leave, fitted together, as each of them by itself.
+        """Return the factor by which the residual of two references grows when they are fitted together, not
+        separately.
 
         It is the largest of all joints; 0 of more or fewer references, and where no joint moves in both.
         """
@@ -72,13 +74,13 @@ class References:
         return found
 
     def without(self, name: str) -> "References":
-        """Return the references without one of them."""
+        """Return the references without the named one."""
         return References(self.prior, {other: gram for other, gram in self.grams.items() if other != name})
 
     def worst(self) -> str:
         """Return the name of the outlier that the others predict worst; "" if there is none.
 
-        They predict it CLEAR_GAP times as badly as they predict one another without it, and as it is fitted by itself.
+        Its predicted residual is CLEAR_GAP times as large as that among the others, and as with its own parameters.
         """
         predicted, unlike = self.predicted(), dict[str, float]()
         for name, gram in self.grams.items():
@@ -118,7 +120,7 @@ class References:
         return np.asarray(np.linalg.solve(whole[:-1, :-1] + precision, whole[:-1, -1] + precision @ self.prior.mean))
 
     def _energy(self, gram: Array, parameters: Array) -> Array:
-        """Return the squares (R,) of the residual with parameters (P,), where the load hangs fitted beside."""
+        """Return the squares (R,) of the residual with parameters (P,), with the load's centre fitted."""
         size, each = self._size, _weighted(gram, gram)
         load = slice(size, size + LOAD)
         score = each[load, -2] - each[load, :size] @ parameters

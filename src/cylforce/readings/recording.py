@@ -1,4 +1,4 @@
-"""Recordings as the readings and the diagnosis take them, and their rows at 20 Hz for a model without a fault."""
+"""Recordings for the readings and the diagnosis, and their rows at 20 Hz for a model without a fault."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True)
 class Recording:
-    """A gapless stretch of a recording.
+    """Stretch of a recording without a gap.
 
     name:     of the file
     values:   (T, S) samples of all signals at the service's rate, SI units
@@ -59,7 +59,7 @@ class SlowRows:
 
     @cached_property
     def slow(self) -> Model:
-        """The model at the rate of the rows."""
+        """Model at the rate of the rows."""
         filters = self.model.filters._replace(rate_hz=self.model.filters.rate_hz / self._every)
         return Model(self.model.machine, filters, self.model.friction, self.model.usual)
 
@@ -68,7 +68,10 @@ class SlowRows:
         return second_order(self.model.filters.channel_hz, 1.0 / self.model.filters.rate_hz)
 
     def thinned(self, values: Array) -> Array:
-        """Return samples (T', S) at the rate of the rows, low-passed, of samples (T, S)."""
+        """Return samples (T', S) at the rate of the rows, low-passed.
+
+        values: (T, S) samples at the service's rate
+        """
         low = self._low_pass
         return np.asarray(low.run(low.steady(values[0]), values)[1][:: self._every])
 

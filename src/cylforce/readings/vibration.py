@@ -1,8 +1,9 @@
 """Vibration of an engine or its pump: a spectral line at one frequency in several sensors at once.
 
-It is found in the raw readings above the frequencies that the service passes. The filters remove it, so that nothing
-else shows it. The spectrum of every stretch is divided by its own background beside each frequency, so that neither
-knocks nor motion count. The mean of K such ratios of white noise is Gamma distributed with mean 1 and shape K."""
+It is found in the raw readings above the frequencies that the service passes, because the filters remove it. The
+spectrum of every stretch is divided by its own background near each frequency, so that neither knocks nor motion
+count. The mean of K such ratios of white noise is Gamma distributed with mean 1 and shape K.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,11 +27,11 @@ SEVERAL = 2  # sensors at least: a line in one alone may be its own
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A vibration as one sensor shows it, amplitudes in SI units.
+    """Vibration in one sensor, amplitudes in SI units.
 
     sensor:    its name
-    amplitude: in the field recordings
-    before:    in the references; None without any
+    amplitude: amplitude in the field recordings
+    before:    amplitude in the references; None without any
     grew:      whether it is NOISY times as large as in the references
     """
 
@@ -42,10 +43,10 @@ class SpectralLine:
 
 @dataclass(frozen=True)
 class Vibration:
-    """A vibration.
+    """Vibration in several sensors.
 
-    frequency_hz: as it is seen: a faster one than half the sampling rate is seen mirrored there
-    sensors:      that show it, the clearest first
+    frequency_hz: apparent frequency: one above half the sampling rate is mirrored at that
+    sensors:      sensors with it, the clearest first
     """
 
     frequency_hz: float
@@ -71,7 +72,7 @@ class Spectra:
 def vibrations(
     machine: Machine, filters: Filters, field: Sequence[Recording], references: Sequence[Recording]
 ) -> list[Vibration]:
-    """Return the vibrations of the field, the clearest first, where they exceed a sensor's declared noise."""
+    """Return the vibrations of the field recordings that exceed a sensor's declared noise, the clearest first."""
     declared = np.array([s.standard_error for s in machine.signals])
     seen, before = (spectra(filters, declared, group) for group in (field, references))
     if seen is None:
@@ -95,9 +96,9 @@ def _line(machine: Machine, s: int, amplitude: float, before: float | None) -> S
 
 
 def _lines(seen: Spectra) -> list[int]:
-    """Return the numbers of the frequencies of lines, the clearest first, without those beside a clearer one.
+    """Return the numbers of the frequencies of lines, the clearest first, without those near a clearer one.
 
-    A line is so clear in SEVERAL sensors that noise alone would show fewer than FALSE_LINES of them.
+    A line is so clear in SEVERAL sensors that noise alone would have fewer than FALSE_LINES of them.
     """
     clear = np.sort(seen.ratio, axis=1)[:, -SEVERAL]
     chance = gammaincc(seen.stretches, seen.stretches * clear)
@@ -109,14 +110,14 @@ def _lines(seen: Spectra) -> list[int]:
 
 
 def _amplitude(seen: Spectra, k: int, s: int) -> float:
-    """Return the amplitude of a line at frequency k, over which the window and the engine's speed spread it."""
+    """Return the amplitude of a line at frequency k, summed over the frequencies to which it is spread."""
     return float(np.sqrt(max(np.sum(seen.square[max(k - LOBE, 0) : k + LOBE + 1, s]), 0.0)))
 
 
 def spectra(filters: Filters, declared: Array, recordings: Sequence[Recording]) -> Spectra | None:
     """Return the spectra of all whole stretches above the frequencies that the service passes; None without any.
 
-    declared: (S,) standard deviation of the sensors' noise: the background is no less than its
+    declared: (S,) standard deviation of the sensors' noise, the least background
     """
     size = round(STRETCH_S * filters.rate_hz)
     parts = [r.values[a:b] for r in recordings for a, b in pairwise(range(0, len(r.values) + 1, size))]

@@ -1,4 +1,4 @@
-"""Zeros of pressure sensors, read while the machine stands without pressure."""
+"""Zeros of pressure sensors, read while the machine is without pressure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from cylforce.signals.units import BAR
 NAME = PressureOffset().about.name
 HEALTHY_PA = PressureOffset().about.low  # standard deviation of the zeros of healthy sensors: the least plausible fault
 LARGEST_PA = BEYOND * PressureOffset().about.high  # a larger reading is pressure, not a zero
-FARTHEST = 5.0  # standard errors, beyond which a reading says no more; as for return pressures
+FARTHEST = 5.0  # standard errors, beyond which the evidence stays constant; as for return pressures
 PARTS = 10  # of the reading, whose means show the standard error of the whole mean, slow noise included
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
 
@@ -24,7 +24,7 @@ PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
 class Zero:
     """Reading of a pressure sensor without pressure.
 
-    mean:  [Pa]
+    mean:  mean reading [Pa]
     error: standard error of the mean [Pa]
     """
 
@@ -46,7 +46,7 @@ class Zeros:
     """Readings of all pressure sensors without pressure.
 
     by_signal: zeros, by number of the signal
-    warnings:  sentences on sensors that show pressure, whose zero is therefore not known
+    warnings:  sentences on sensors under pressure, whose zero cannot be read
     """
 
     by_signal: Mapping[int, Zero]
@@ -54,7 +54,7 @@ class Zeros:
 
 
 def read_zeros(machine: Machine, values: Array) -> Zeros:
-    """Return the zeros that samples (T, S) of a machine without pressure show."""
+    """Return the zeros of pressure sensors from samples (T, S) of a machine without pressure."""
     found, warnings = dict[int, Zero](), list[str]()
     for number, signal in enumerate(machine.signals):
         if signal.kind not in PRESSURES:

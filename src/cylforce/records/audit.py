@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 
 class Audit(NamedTuple):
-    """What is to be entered.
+    """Change to be entered.
 
     t_us: time [us]
     who: user or role

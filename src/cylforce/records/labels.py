@@ -1,4 +1,4 @@
-"""Write what people add to the records: names of products, labels of trucks, a total set to zero."""
+"""Write labels and resets by people: names of products, labels of trucks, a total set to zero."""
 
 import sqlite3
 

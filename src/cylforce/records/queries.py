@@ -12,12 +12,12 @@ JOINED = (
 
 
 class Total(NamedTuple):
-    """What was loaded of a product.
+    """Loads of a product.
 
     product: its number
     name: its name
     loads: number of loads
-    mass: [kg]
+    mass: their mass [kg]
     """
 
     product: int
@@ -27,9 +27,9 @@ class Total(NamedTuple):
 
 
 class Cumulated(NamedTuple):
-    """All that was ever loaded.
+    """Sum of all loads ever.
 
-    mass: [kg]
+    mass: their mass [kg]
     loads: number of loads
     t_us: time of the last booking [us]; None: never
     """

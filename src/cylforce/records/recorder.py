@@ -31,7 +31,7 @@ class Recorder:
     kept: memory that was restored from the records
     recorded: number of the last booking that is safe on the disk
     audited: number of the last audit entry that is safe on the disk
-    lifetime: all that was ever loaded [kg]; None: not known
+    lifetime: mass of all loads ever [kg]; None: unknown
     failure: sentence about a failure; "": none
     """
 

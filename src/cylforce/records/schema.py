@@ -80,7 +80,7 @@ BUSY_S = 10.0  # s for which the writer waits for another program that writes la
 
 
 class UnreadableError(Exception):
-    """A file that is no database of ours, or one of a newer version; the text says which."""
+    """Error for a file that is no database of ours, or one of a newer version; the text names which."""
 
 
 def version_of(connection: sqlite3.Connection) -> int:

@@ -1,4 +1,4 @@
-"""The ticket of a truck: what was loaded for whom, with its standard error, and whether it is a copy."""
+"""Ticket of a truck: its loads and labels, their standard error, and whether it is a copy."""
 
 import sqlite3
 from typing import NamedTuple
@@ -14,7 +14,7 @@ class TicketLine(NamedTuple):
     number: number of the booking
     t_us: time of the booking [us]
     product: name or number of the product
-    mass: [kg]
+    mass: its mass [kg]
     standard_error: of the mass [kg]
     by_hand: whether the operator entered the mass
     part: part of the truck
@@ -30,11 +30,11 @@ class TicketLine(NamedTuple):
 
 
 class PartSum(NamedTuple):
-    """What one part of a truck contains of one product.
+    """Load of one product in one part of a truck.
 
     part: number of the part
     product: name or number of the product
-    mass: [kg]
+    mass: its mass [kg]
     loads: number of buckets
     """
 

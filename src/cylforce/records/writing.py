@@ -26,7 +26,7 @@ class Start(NamedTuple):
     version: cylforce's version
     machine: name of the machine
     who: user that started it
-    now: what is entered into the audit trail if it has changed since the last start: (subject, present value)
+    now: (subject, present value) to be entered into the audit trail if it has changed since the last start
     """
 
     t_us: int
@@ -37,7 +37,7 @@ class Start(NamedTuple):
 
 
 class BookedBucket(NamedTuple):
-    """A booking with what is recorded beside it.
+    """A booking with further recorded values.
 
     booking: the booking
     cycle: length of its cycle, time in contact, largest soil force
@@ -57,7 +57,7 @@ class Change(NamedTuple):
     t_us: time of the change [us]
     kept: memory after the change
     booked: the booking that changed it; None: another change
-    words: what was changed by an operator; "": nothing
+    words: changes by an operator; "": none
     final: the last booking, when the bucket has returned and its weight is final
     """
 

@@ -1,4 +1,4 @@
-"""The bus part of the file: sensor nodes with their PDO layouts, our own publication, no identifier used twice."""
+"""Bus section of the file: sensor nodes with their PDO layouts, our own publication, no identifier used twice."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -125,11 +125,11 @@ def _check_twice(objects: Iterable[tuple[int, tuple[int, int]]]) -> None:
 
 
 class Timing(NamedTuple):
-    """When a TPDO is sent.
+    """Timing of a TPDO.
 
-    synchronous: after SYNC, otherwise by its event timer
+    synchronous: whether it is sent after SYNC, else by its event timer
     sync: after every n-th SYNC; 0: by its event timer
-    period_s: [s]
+    period_s: period [s]
     """
 
     synchronous: bool

@@ -52,10 +52,10 @@ class FaultError(ValueError):
 
 
 class Inspection:
-    """Collects faults of a machine file.
+    """Collector of faults of a machine file.
 
-    errors: what prevents its use
-    warnings: what is unusual
+    errors: faults that prevent its use
+    warnings: unusual values
     """
 
     def __init__(self) -> None:
@@ -80,11 +80,11 @@ class Inspection:
 
 
 class Source(NamedTuple):
-    """A file, with what is needed to find the line of a key.
+    """A file in which the line of a key can be found.
 
     path: its path
     text: its text
-    raw: its content as TOML gives it
+    raw: its content as parsed from TOML
     """
 
     path: Path
@@ -153,12 +153,12 @@ def _end(lines: list[str], header: int) -> int:
 
 
 def _matches(lines: list[str], start: int, pattern: str) -> list[int]:
-    """Return the lines from `start` on whose beginning matches, comments left out."""
+    """Return the lines from `start` on whose beginning matches, without comments."""
     return [n for n in range(start, len(lines)) if re.match(pattern, lines[n].split("#")[0])]
 
 
 def dotted(raw: object, key: Key) -> str:
-    """Return a key as a dotted path, with the names of table entries in place of their numbers."""
+    """Return a key as a dotted path, with the names of table entries instead of their numbers."""
     parts: list[str] = []
     for part in key:
         raw = _entry(raw, part)

@@ -22,7 +22,8 @@ class Provenance(_Strict):
     format: version of the file's format
     machine: name of the machine
     machine_sha256: hash of its machine file
-    recordings, recording_sha256: names and hashes of the recordings
+    recordings: names of the recordings
+    recording_sha256: hashes of the recordings
     date: time of the identification
     cylforce: version of the program
     """
@@ -39,8 +40,10 @@ class Provenance(_Strict):
 class IdentifiedParameter(_Strict):
     """One parameter.
 
-    name, unit: as in the model
-    value, standard_error: in that unit
+    name: as in the model
+    unit: as in the model
+    value: in that unit
+    standard_error: in that unit
     from_recording: whether the recording determines it; otherwise the data sheet's value was kept
     """
 
@@ -55,7 +58,8 @@ class IdentifiedAttachment(_Strict):
     """The parameters with another tool.
 
     name: name of the attachment
-    recordings, recording_sha256: names and hashes of the recordings
+    recordings: names of the recordings
+    recording_sha256: hashes of the recordings
     date: time of the identification
     unexplained_torque_n_m: (R,) rms residual of each measured joint [N m]
     values: (P,) in the order of the file's `parameters`
@@ -72,12 +76,13 @@ class IdentifiedAttachment(_Strict):
 
 
 class IdentifiedFile(_Strict):
-    """The whole file.
+    """Content of the file.
 
     provenance: origin of the parameters
     warnings: sentences why these parameters should not be trusted, which every use repeats
     friction: names of the friction laws
-    scale, scale_standard_error: factor on the residual torque from a lift of a known weight
+    scale: factor on the residual torque from a lift of a known weight
+    scale_standard_error: its standard error
     unexplained_torque_n_m: (R,) rms residual of each measured joint [N m]
     unexplained_correlation_s: time for which the residual keeps its sign [s]
     friction_between_strokes: spread of friction between strokes, as a share
@@ -107,7 +112,7 @@ class IdentifiedFile(_Strict):
 
     @property
     def content(self) -> dict[str, JsonValue]:
-        """Return what is sealed: everything but the seal, and keys that the file does not have."""
+        """Return the sealed content: all keys of the file but the seal."""
         absent = {"common_scale_error"} if self.common_scale_error is None else set[str]()
         content: dict[str, JsonValue] = self.model_dump(mode="json", exclude={"seal", *absent})
         return content

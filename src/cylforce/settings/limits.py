@@ -1,7 +1,7 @@
 """Limits of single values in a machine file: an impossible value is refused, an unusual one gets a warning.
 
 A hard limit (`gt`, `ge`, `lt`, `le`) lies beyond anything that is built, so that only an error of unit or sign crosses
-it. The typical range is what construction machines have, from mini excavators of 0.8 t to machines of 100 t and loader
+it. The typical range is that of construction machines, from mini excavators of 0.8 t to machines of 100 t and loader
 cranes. Where no standard is named, a limit is the rounded extreme of such machines' data sheets.
 """
 
@@ -22,7 +22,8 @@ HUGE = 1e12  # beyond this nothing is a measurement, and squares overflow
 class Typical:
     """The range of a value that machines have, both ends included.
 
-    low, high: in the unit of the key
+    low: least typical value, in the unit of the key
+    high: largest typical value, in the unit of the key
     """
 
     low: float
@@ -95,7 +96,7 @@ def unusual(table: BaseModel, key: Key = ()) -> Iterator[FaultError]:
 
 
 def _unusual_value(value: object, typical: Typical | None, key: Key) -> Iterator[FaultError]:
-    """Yield what is unusual about a value, or about the values within it."""
+    """Yield warnings of a value outside its typical range, or of the values within it."""
     if isinstance(value, BaseModel):
         yield from unusual(value, key)
     elif isinstance(value, tuple):

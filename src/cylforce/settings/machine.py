@@ -1,4 +1,4 @@
-"""The machine part of the file as a frozen `Machine`: links, linkages, cylinders."""
+"""Machine section of the file as a frozen `Machine`: links, linkages, cylinders."""
 
 from dataclasses import replace
 from math import pi, sqrt
@@ -51,7 +51,7 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
 
 
 def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
-    """Return the machine with attachment k in the place of its last link."""
+    """Return the machine with attachment k instead of its last link."""
     table, last = file.attachments[k], standard.links[-1]
     tool = complex(*table.point_m)
     inertia = table.inertia_kg_m2 or table.mass_kg * abs(tool) ** 2 / 12.0
@@ -84,7 +84,7 @@ def _curled(table: ToolTable) -> tuple[float, float] | None:
 
 
 def _gravity(table: MachineTable) -> float:
-    """Return gravity [m/s^2] where the machine works: as given, or that of its place, else the standard one."""
+    """Return gravity [m/s^2] where the machine works: as given, or that of its latitude, else the standard one."""
     if table.gravity_m_s2 is not None and table.latitude_deg is not None:
         problem = "and latitude_deg both say what gravity is: keep gravity_m_s2 if it was measured, else latitude_deg"
         raise FaultError(("machine", "gravity_m_s2"), problem)

@@ -35,11 +35,11 @@ class Loaded(NamedTuple):
     """A loaded machine file.
 
     service: the settings
-    columns: where its recordings' tables have time and signals; None: in `t_s` and under the sensors' names, SI
+    columns: columns of its recordings' tables; None: `t_s` and the sensors' names, in SI units
     path: path of the file
     text: its text
     sha256: hash of the text, as hexadecimal digits
-    warnings: what is possible but unusual, one sentence each
+    warnings: unusual values, one sentence each
     """
 
     service: Service
@@ -124,8 +124,9 @@ def _syntax(path: Path, text: str, problem: str) -> str:
 
 
 def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[MachineFile, Parts]:
-    """Return the file's sections and the parts made from them; each stage runs when the sections that it needs are
-    right.
+    """Return the file's sections and the parts made from them.
+
+    Each stage runs when the sections that it needs are right.
     """
     file, good = read_sections(file_in_si(raw, findings), raw, findings)
     findings.errors.extend(name_faults(raw))

@@ -15,7 +15,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 def machine_file_schema() -> Schema:
     """Return the schema (draft 2020-12), made from the models that check a file.
 
-    It does not check what needs several tables at once (names, references, geometry).
+    Checks that need several tables at once (names, references, geometry) are not in it.
     """
     schema = MachineFile.model_json_schema(mode="validation")
     tables: dict[str, Schema] = schema["$defs"]
@@ -41,7 +41,7 @@ def _write_units(table: Schema, words: tuple[str, ...], units: list[str]) -> Non
 
 
 def _with_unit(of_key: Schema, suffix: str) -> Schema:
-    """Return the schema of a key with a unit; a default in SI is left out."""
+    """Return the schema of a key with a unit; a default in SI is omitted."""
     default = {"default": of_key["default"]} if of_key.get("default") is None and "default" in of_key else {}
     return {**{k: v for k, v in of_key.items() if k not in ("default", "title")}, **default, "title": f"in {suffix}"}
 

@@ -1,4 +1,4 @@
-"""The seal of identified.toml: a hash of every key, so that a value that was edited is detected and named.
+"""Seal of identified.toml: a hash of every key, by which an edited value is detected and named.
 
 It proves that nothing was changed by mistake, by a broken disk, or by an editor. It is no signature: whoever can write
 the file can seal it, which `cylforce seal` does, with a reason that stays in the file and in the audit trail.
@@ -16,10 +16,12 @@ class Seal(BaseModel):
     """The seal of a file.
 
     counter: grows with every seal
-    date, who, reason: when, by whom and why it was sealed
+    date: date of the seal
+    who: user who sealed it
+    reason: reason for the seal
     before: hash of the seal before; "": none
     keys: SHA-256 of each key of the file
-    controller: on which controller (`files.software`); "": not known
+    controller: controller on which it was sealed (`files.software`); "": unknown
     sha256: hash of all these
     """
 

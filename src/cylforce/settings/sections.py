@@ -166,7 +166,7 @@ def _tables() -> list[type[BaseModel]]:
 
 
 def known_keys(tables: Iterable[type[BaseModel]]) -> list[str]:
-    """Return the keys of tables as they are written, units included, to guess what a misspelt one meant."""
+    """Return the keys of tables as they are written, units included, as candidates for a misspelt one."""
     names = {key for table in tables for key in table.model_fields}
     suffixes = {suffix for table in SUFFIXES.values() for suffix in table}
     united = {f"{word}_{suffix}" for word in WORDS if word in names for suffix in suffixes}

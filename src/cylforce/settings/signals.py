@@ -54,7 +54,7 @@ def _index(file: MachineFile, table: SensorTable) -> int:
 
 
 def measurement_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
-    """Yield what is missing where an angle or every torque is unknown, and sensors that contradict each other."""
+    """Yield faults of joints without an angle, of machines without any torque, and of contradictory sensors."""
     lengths = sorted({s.index for s in machine.signals if s.kind is Kind.CYLINDER_LENGTH})
     for c in lengths:
         yield from _inverse_faults(machine, c)
@@ -76,7 +76,7 @@ def measurement_faults(file: MachineFile, machine: Machine) -> Iterator[FaultErr
 
 
 def _inertial_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
-    """Yield faults of the base's inertial sensor: all of its axes or none, each on its own axis, and its place."""
+    """Yield faults of the base's inertial sensor: missing axes, a wrong axis, or a missing position."""
     number = {s.kind: k for k, s in enumerate(machine.signals) if s.kind in INERTIAL}
     if not number:
         if file.machine.inertial_sensor_m is not None:

@@ -53,7 +53,7 @@ def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
 def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, findings: Inspection) -> dict[str, Any]:
     """Return a table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix.
 
-    An error goes to `findings`, and its key is left out.
+    An error goes to `findings`, and its key is omitted.
 
     unit: SI unit of the quantity
     words: keys that are written with a unit

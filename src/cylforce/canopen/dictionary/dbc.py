@@ -42,10 +42,12 @@ class DbcSignal(NamedTuple):
     start: position of its lowest bit
     length: [bits]
     signed: whether the raw value is signed
-    scale, offset: value = raw * scale + offset, in `unit`
+    scale: factor of value = raw * scale + offset, in `unit`
+    offset: offset of the value, in `unit`
     unit: unit of the value
     words: names of raw values
-    low, high: least and greatest value; both 0: not limited
+    low: least value; 0 with `high` 0: not limited
+    high: greatest value
     """
 
     name: str
@@ -189,7 +191,7 @@ def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
 
 
 def _quality(status: str, reason: str, start: int, bits: int = 8) -> list[DbcSignal]:
-    """Return status and reason, the two parts of a quality of `bits` bits."""
+    """Return status and reason, which are packed into a quality of `bits` bits."""
     return [
         _integer(status, start, _STATUS_BITS, _names(Status)),
         _integer(reason, start + _STATUS_BITS, bits - _STATUS_BITS, _names(Reason)),

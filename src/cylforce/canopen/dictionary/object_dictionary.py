@@ -1,4 +1,4 @@
-"""The object dictionaries of our own node, from what it publishes, and of a sensor, from what it is configured to send.
+"""Object dictionaries of our own node, from its publication, and of a sensor, from its configuration.
 
 Objects 1000h-1FFFh: CiA 301; 6xxxh-9xxxh: the device profiles CiA 404, 406, 410; 2xxxh: ours.
 """
@@ -160,7 +160,7 @@ def _loading() -> tuple[Entry, ...]:
 def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
     """Return the objects of a simulated sensor as delivered.
 
-    It can send what `node` describes, and is configured over SDO where its mapping is writable.
+    It can send the PDOs of `node`, and is configured over SDO where its mapping is writable.
     """
     identity = tuple(0 if number is None else number for number in node.identity)
     fields = [field for pdo in node.pdos for field in pdo.fields]

@@ -23,7 +23,8 @@ class Entry(NamedTuple):
     access: "ro", "rw", "wo" or "const"
     default: default value; None: none
     relative: whether the node number is added to the default
-    low, high: limits; None: none
+    low: lower limit; None: none
+    high: upper limit; None: none
     mappable: whether it may be mapped into a PDO
     """
 

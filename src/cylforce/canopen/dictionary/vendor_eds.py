@@ -78,7 +78,7 @@ def _text(path: Path) -> str:
 
 
 def _correct(parser: RawConfigParser) -> None:
-    """Correct what the library refuses: inline comments, numbers with leading zeros or none at all, a missing
+    """Correct entries that the library refuses: inline comments, numbers with leading zeros or none at all, a missing
     AccessType.
 
     Drop sections that are not needed and are often wrong.
@@ -131,7 +131,7 @@ def _described(eds: Eds, index: int, sub: int) -> bool:
 
 
 def default_mapping(eds: Eds, number: int) -> tuple[tuple[int, int, int], ...]:
-    """Return what TPDO `number` carries by default, as (index, sub-index, bits) of each object."""
+    """Return the default mapping of TPDO `number`, as (index, sub-index, bits) of each object."""
     count = _default(eds.dictionary.get_variable(0x1A00 + number - 1, 0))
     entries = (_default(eds.dictionary.get_variable(0x1A00 + number - 1, k)) for k in range(1, count + 1))
     return tuple((entry >> 16, entry >> 8 & 0xFF, entry & 0xFF) for entry in entries)

@@ -11,9 +11,12 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class AsymmetricFriction:
-    """Friction that is larger in one direction than in the other. With `way` 0 the mean of both directions stays as it
-    was: force f |sgn(v)|, beside the symmetric f_c sgn(v). With `way` 1 or -1 only extending or only retracting
-    changes: force f sgn(v) in that direction, none in the other. Lip seals rub more one way than the other."""
+    """Friction that is larger in one direction than in the other.
+
+    With `way` 0 the mean of both directions is unchanged: force f |sgn(v)|, added to the symmetric f_c sgn(v). With
+    `way` 1 or -1 only extending or only retracting changes: force f sgn(v) in that direction, none in the other. Lip
+    seals have more friction in one direction.
+    """
 
     depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
 
@@ -22,7 +25,7 @@ class AsymmetricFriction:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "asymmetric_friction",
             "N",
@@ -41,11 +44,12 @@ class AsymmetricFriction:
 
     @property
     def _directions(self) -> int:
-        """What changes one direction alone is twice as large as what each of both has of the same difference."""
+        """Factor on a size that changes only one direction: the difference is not shared by both."""
         return 2 if self.way else 1
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Force per newton of f: |sgn(v)|, or sgn(v) in the direction `way` alone; sgn(v) rounded as
-        tanh(v / rounding)."""
+        """Return the force per newton of f: |sgn(v)|, or sgn(v) in the direction `way` alone; sgn(v) rounded as tanh(v
+        / rounding).
+        """
         turned = np.tanh(speed / self.rounding)
         return np.asarray(np.where(self.way * speed > 0.0, turned, 0.0) if self.way else np.abs(turned))

@@ -11,7 +11,7 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class CoulombFriction:
-    """Dry friction of a cylinder: force f sgn(v). As a fault: by how much it is larger (f > 0) than in the model."""
+    """Dry friction of a cylinder: force f sgn(v). As a fault f is the difference from the model, larger for f > 0."""
 
     depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
 
@@ -19,7 +19,7 @@ class CoulombFriction:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "coulomb_friction",
             "N",
@@ -31,5 +31,5 @@ class CoulombFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Force per newton of f: sgn(v), rounded as tanh(v / rounding)."""
+        """Return the force per newton of f: sgn(v), rounded as tanh(v / rounding)."""
         return np.asarray(np.tanh(speed / self.rounding))

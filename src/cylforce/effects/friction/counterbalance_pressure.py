@@ -14,18 +14,20 @@ LEAST_FORCE = 1000.0  # N, force scale of the smooth sgn(F); chosen: far below t
 
 @dataclass(frozen=True, slots=True)
 class CounterbalancePressure:
-    """A counterbalance valve brakes a cylinder that lowers its load, F v < 0, and the pressure it takes is not in the
-    measured force: sgn(F) f (1 - `relief` |F|), zero beyond |F| = 1 / `relief`, zero while the cylinder lifts or rests.
-    f > 0: the pump must press on the other side to open the valve, and no sensor is there; a heavy load opens it with
-    less pilot pressure, (p_set - p_load) / ratio, which is the `relief`. f < 0: the sensor on the loaded side lies
-    beyond the valve."""
+    """Counterbalance valve that brakes a cylinder while it lowers its load, F v < 0, by a pressure outside the sensors.
+
+    The force is sgn(F) f (1 - `relief` |F|), zero beyond |F| = 1 / `relief`, and while the cylinder lifts or rests.
+    With f > 0 the pump must press on the other side to open the valve, and there is no sensor on that side. A heavy
+    load opens it with less pilot pressure, (p_set - p_load) / ratio, which is the `relief`. With f < 0 the sensor on
+    the loaded side lies beyond the valve.
+    """
 
     relief: float = 0.0  # 1/N, inverse of the force that opens the valve without any pilot pressure; 0: constant
     rounding: float = 0.002  # m/s, speed scale of the smooth sgn(v)
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "counterbalance_pressure",
             "N",
@@ -43,7 +45,7 @@ class CounterbalancePressure:
         return (ShapeRange("relief", 0.0, 2e-5, log=True, shift=2e-6),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Torques (T, N) of the cylinders per newton of f."""
+        """Return the torques (T, N) of the cylinders per newton of f."""
         force = moving.force[:, where]
         sign = np.tanh(force / LEAST_FORCE)
         lowers = np.maximum(-sign * np.tanh(moving.speed[:, where] / self.rounding), 0.0)

@@ -14,17 +14,20 @@ USUAL = 0.1  # m/s, speed at which the size is told
 
 @dataclass(frozen=True, slots=True)
 class EndCushion:
-    """A cushion that closes the oil's way out near an end of the stroke: force against the motion into that end, f s
-    (v / 0.1 m/s)^2. s: share of the cushion's `length` that the piston has entered, because its taper closes the way
-    little by little; the square: turbulent flow through what is left. Out of the end a check valve lets the oil in: no
-    force. The pressure sensor in the line does not see the trapped oil."""
+    """Cushion that throttles the outflow of oil near an end of the stroke: force f s (v / 0.1 m/s)^2 against motion
+    into it.
+
+    s is the share of the cushion's `length` that the piston has entered, because its taper closes the outflow
+    gradually. The square is turbulent flow through the remaining gap. Out of the end a check valve admits the oil: no
+    force. The pressure sensor in the line does not measure the trapped oil.
+    """
 
     length: float = 0.05  # m
     end: int = 0  # 1: where it is extended, -1: where it is retracted, 0: both
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "end_cushion",
             "N",
@@ -43,7 +46,7 @@ class EndCushion:
         return (ShapeRange("length", 0.02, 0.2, log=True),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Torques (T, N) of the cylinders per newton of f at 0.1 m/s and full depth."""
+        """Return the torques (T, N) of the cylinders per newton of f, at 0.1 m/s and full depth."""
         cylinder, length = machine.cylinders[where], moving.length[:, where]
         gaps = {1: cylinder.length_high - length, -1: length - cylinder.length_low}
         depth = {end: np.clip(1.0 - gap / self.length, 0.0, 1.0) for end, gap in gaps.items()}

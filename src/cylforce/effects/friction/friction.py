@@ -15,45 +15,50 @@ NEVER = np.zeros(())  # s: the time argument, which the laws of a model do not u
 
 
 def _columns(law: Array, lever: Array) -> Halves:
-    """Static columns (..., N, C) of a force law (..., C) that acts on levers (..., C, N) [m/rad]."""
+    """Return the static columns (..., N, C) of a force law (..., C) that acts on levers (..., C, N) [m/rad]."""
     return Halves(None, (law[..., None] * lever).swapaxes(-1, -2))
 
 
 @dataclass(frozen=True, slots=True)
 class Friction:
-    """A force law with one coefficient per cylinder, `<cylinder>.<name>`. The law may depend on speed and force at the
-    same instant only, not on time or history."""
+    """Force law with one coefficient per cylinder, `<cylinder>.<name>`.
+
+    name: name of the coefficient
+    law:  the law; it may depend on speed and force at the same instant only, not on time or history
+    """
 
     name: str
     law: ForceLaw
 
     @property
     def depends_on(self) -> tuple[str, ...]:
-        """What of a motion the law depends on."""
+        """Quantities of a motion on which the law depends."""
         return depends_on(self.law)
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The coefficient of every cylinder."""
+        """Return the coefficient of every cylinder."""
         return tuple(Parameter(f"{c.name}.{self.name}", self.law.about.unit) for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Static columns (..., N, C): the law's force per unit times the lever."""
+        """Return the static columns (..., N, C): the law's force per unit times the lever."""
         return _columns(self.law.force(moving.speed, moving.force, NEVER), moving.lever)
 
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """The friction of a cylinder at rest, which can be anything between -f_c and f_c. One column per cylinder, |lever|
-    (1 - |sgn(v)|): not a force law, but the share of the Coulomb friction whose direction is unknown, times the lever.
-    sgn(v) is rounded as tanh(v / rounding) [m/s]."""
+    """Friction of a cylinder at rest, which is anything between -f_c and f_c.
+
+    One column per cylinder, |lever| (1 - |sgn(v)|): not a force law, but the share of the Coulomb friction whose
+    direction is unknown, times the lever. sgn(v) is rounded as tanh(v / rounding) [m/s].
+    """
 
     rounding: float
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The unknown share of f_c [N] of every cylinder."""
+        """Return the unknown share of f_c [N] of every cylinder."""
         return tuple(Parameter(f"{c.name}.at_rest", "N") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Static columns (..., N, C), never negative."""
+        """Return the static columns (..., N, C), never negative."""
         unknown = 1.0 - np.abs(np.tanh(moving.speed / self.rounding))
         return _columns(unknown, np.abs(moving.lever))

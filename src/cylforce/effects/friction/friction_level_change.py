@@ -1,4 +1,4 @@
-"""All friction of a cylinder changed by one factor since identification: wear, new seals, other grease."""
+"""Friction of a cylinder changed by one factor since identification: wear, new seals, other grease."""
 
 from dataclasses import dataclass
 
@@ -10,11 +10,11 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FrictionLevelChange:
-    """All identified friction of a cylinder multiplied by 1 + size."""
+    """Identified friction of a cylinder, all laws, multiplied by 1 + size."""
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "friction_level_change",
             "1",
@@ -31,5 +31,5 @@ class FrictionLevelChange:
         return ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:
-        """1 at all times (T,): the change is constant."""
+        """Return 1 at all times (T,): the change is constant."""
         return np.ones_like(t)

@@ -10,13 +10,16 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FrictionTemperatureDrift:
-    """The identified friction of all cylinders, or of one `alone`, multiplied by 1 + size (1 - exp(-t / settling)), t
-    in seconds since the start of the recording: all of it, or only the viscous part (`viscous`). The size is the share
-    reached in the end, negative while the oil warms. With `cold` the identified friction is that of the warm machine:
-    1 + size exp(-t / settling), positive after a cold start.
+    """Identified friction multiplied by 1 + size (1 - exp(-t / settling)), t in seconds since the start of the
+    recording.
 
-    Heat made by even work, and lost in proportion to temperature, gives this course (Newton's law of cooling); a tank
-    of oil takes some five minutes to an hour. One cylinder alone changes when it alone works, or its seals run in."""
+    It acts on all cylinders, or on one `alone`; on all laws, or only on the viscous one (`viscous`). The size is the
+    share reached in the end, negative while the oil warms. With `cold` the identified friction is that of the warm
+    machine: 1 + size exp(-t / settling), positive after a cold start.
+
+    Steady work heats the oil, which cools in proportion to its temperature (Newton's law of cooling). A tank of oil
+    takes some five minutes to an hour. One cylinder alone changes when only it works, or its seals run in.
+    """
 
     settling: float = 900.0  # s, the oil's thermal time constant
     viscous: bool = False
@@ -25,7 +28,7 @@ class FrictionTemperatureDrift:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "friction_temperature_drift",
             "1",
@@ -48,5 +51,5 @@ class FrictionTemperatureDrift:
         return ("viscous",) if self.viscous else ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:
-        """1 - exp(-t / settling), with `cold` exp(-t / settling), at times t (T,) [s]."""
+        """Return 1 - exp(-t / settling), with `cold` exp(-t / settling), at times t (T,) [s]."""
         return np.asarray(np.exp(-t / self.settling) if self.cold else -np.expm1(-t / self.settling))

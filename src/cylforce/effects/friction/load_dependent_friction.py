@@ -18,7 +18,7 @@ class LoadDependentFriction:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "load_dependent_friction",
             "1",
@@ -31,10 +31,12 @@ class LoadDependentFriction:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From friction in proportion to the load to one that saturates at 50 kN."""
+        """Range of `easing`: from friction in proportion to the load to one that saturates at 50 kN."""
         return (ShapeRange("easing", 0.0, 2e-5, log=True, shift=2e-6),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Force per unit of a: |F| sgn(v), or (1 - exp(-e |F|)) / e sgn(v), sgn(v) rounded as tanh(v / rounding)."""
+        """Return the force per unit of a: |F| sgn(v), or (1 - exp(-e |F|)) / e sgn(v), sgn(v) rounded as tanh(v /
+        rounding).
+        """
         load = -np.expm1(-self.easing * np.abs(force)) / self.easing if self.easing else np.abs(force)
         return np.asarray(load * np.tanh(speed / self.rounding))

@@ -16,16 +16,19 @@ STEP = 1e-4  # m, of the finite difference below; chosen: rounding and truncatio
 
 @dataclass(frozen=True, slots=True)
 class PinFriction:
-    """Torque r |P| sgn(w) at one joint, against its rate w: r = mu R, coefficient of friction times the pin's radius,
-    and P the radial force of the pin. P carries the weight of the links beyond less what the cylinders that cross the
-    joint push, P = m s - sum_c F_c grad(ell_c), with grad(ell_c) the change of a cylinder's length as these links shift
-    sideways (virtual work). Load-dependent friction of a cylinder has the cylinder's lever, this has not."""
+    """Torque r |P| sgn(w) at one joint, against its rate w.
+
+    r = mu R is the coefficient of friction times the pin's radius, P the radial force of the pin. P carries the weight
+    of the links beyond, less the force of the cylinders that cross the joint: P = m s - sum_c F_c grad(ell_c).
+    grad(ell_c) is the change of a cylinder's length as these links shift sideways (virtual work). Load-dependent
+    friction of a cylinder has the cylinder's lever, pin friction has not.
+    """
 
     rounding: float = 0.005  # rad/s, rate scale of the smooth sgn(w); chosen: some 10 mm/s of a cylinder
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "pin_friction",
             "m",
@@ -39,8 +42,9 @@ class PinFriction:
         )
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Torques (T, N) of the cylinders per metre of r: |P| sgn(w) at joint `where`, sgn(w) rounded as
-        tanh(w / rounding)."""
+        """Return the torques (T, N) of the cylinders per metre of r: |P| sgn(w) at joint `where`, sgn(w) rounded as
+        tanh(w / rounding).
+        """
         turning = np.diff(moving.qd, axis=-1, prepend=0.0)[:, where]
         pressed = np.abs(bodies(machine, moving).weight(where) - _pushed(machine, moving, where))
         found = np.zeros_like(moving.a)
@@ -49,7 +53,7 @@ class PinFriction:
 
 
 def _pushed(machine: Machine, moving: Motion, joint: int) -> Complex:
-    """Force (T,) [N], forwards + i upwards, of the cylinders on the links from `joint` outwards."""
+    """Return the force (T,) [N], forwards + i upwards, of the cylinders on the links from `joint` outwards."""
     at = machine.pose(np.diff(moving.a, axis=-1, prepend=0.0))
     outer = np.arange(machine.size + 1) > joint  # body 0 is the chassis
     force = np.zeros(len(moving.a), dtype=np.complex128)

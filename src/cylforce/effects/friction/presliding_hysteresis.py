@@ -11,8 +11,10 @@ from cylforce.signals.recurrence import clipped, followed
 
 @dataclass(frozen=True, slots=True)
 class PreslidingHysteresis:
-    """Difference between Dahl's friction f z and Coulomb friction f sgn(v): dz/dt = v / way (1 - z sgn(v)). After a
-    reversal z reaches its new value within a few times `way` [m]."""
+    """Difference between Dahl's friction f z and Coulomb friction f sgn(v): dz/dt = v / way (1 - z sgn(v)).
+
+    After a reversal z reaches its new value within a few times `way` [m].
+    """
 
     way: float = 0.001  # m
     slack: float = 0.0002  # m, hysteresis against sensor noise: smaller movements to and fro do not change z; chosen
@@ -20,7 +22,7 @@ class PreslidingHysteresis:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "presliding_hysteresis",
             "N",
@@ -39,8 +41,9 @@ class PreslidingHysteresis:
         return (ShapeRange("way", 0.0002, 0.008, log=True),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Force per newton of f: z - sgn(v) (T,); z is integrated exactly over the movement beyond the `slack`, from
-        z = 0 at the first sample."""
+        """Return the force per newton of f: z - sgn(v) (T,); z is integrated exactly over the movement beyond the
+        `slack`, from z = 0 at the first sample.
+        """
         steps = speed * np.gradient(t)
         moved = steps - np.diff(clipped(steps, self.slack), prepend=0.0)
         bent = followed(np.copysign(1.0, moved), np.exp(-np.abs(moved) / self.way))

@@ -17,7 +17,7 @@ class Stribeck:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "stribeck",
             "N",
@@ -36,6 +36,6 @@ class Stribeck:
         return (ShapeRange("width", 0.005, 0.05, log=True),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Force per newton of f: exp(-(v / width)^2) sgn(v), sgn(v) rounded as tanh(v / rounding)."""
+        """Return the force per newton of f: exp(-(v / width)^2) sgn(v), sgn(v) rounded as tanh(v / rounding)."""
         fading = np.exp(-((speed / self.width) ** 2))
         return np.asarray(fading * np.tanh(speed / self.rounding))

@@ -16,7 +16,7 @@ class ViscousFriction:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "viscous_friction",
             "N s/m",
@@ -28,5 +28,5 @@ class ViscousFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Force per N s/m of f: the speed v [m/s]."""
+        """Return the force per N s/m of f: the speed v [m/s]."""
         return speed

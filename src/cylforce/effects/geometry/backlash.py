@@ -14,18 +14,21 @@ SMOOTHING = 0.03  # s: noise of pressures does not throw a link to and fro; chos
 
 @dataclass(frozen=True, slots=True)
 class Backlash:
-    """Play in a joint, beyond the cylinder and its friction: the measured angle is wrong by half the play, towards the
-    side to which the weight and the motion of what hangs there press. Where that torque changes its sign, it falls to
-    the other side as fast as the torque moves its inertia, and stays (no rebound). Where it never does, play is an
-    offset of the angle, and no effect of its own. With `pushed` the play is between the joint and its cylinder, whose
-    friction lies on the far side: the angle jumps where the torque of the measured forces changes its sign."""
+    """Play in a joint, beyond the cylinder and its friction: the measured angle is wrong by half the play.
+
+    The sign is the side to which weight and inertia of the outer links press. Where that torque changes its sign, the
+    joint moves to the other side as fast as the torque accelerates the inertia, and stays (no rebound). Where it never
+    does, play is an offset of the angle, and no effect of its own. With `pushed` the play is between the joint and its
+    cylinder, whose friction lies on the far side. The angle then jumps where the torque of the measured forces changes
+    its sign.
+    """
 
     falling: float = 0.015  # rad, play from which the time of the fall is computed: it grows with the square root only
     pushed: bool = False
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "backlash",
             "rad",
@@ -40,33 +43,38 @@ class Backlash:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """As wide as plays are: about.low to about.high."""
+        """Range of `falling`: about.low to about.high."""
         return (ShapeRange("falling", 0.002, 0.05, log=True),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with the joint's angle changed to a + size/2 s, s from -1 to 1: the place within the
-        play. The same object without an angle sensor."""
+        """Return the signals (T, S) with the joint's angle changed to a + size/2 s, s from -1 to 1 the position in the
+        play.
+
+        The same object without an angle sensor.
+        """
         signal, found = angle_signal(machine, where), values.copy()
         if signal is None:
             return values
         inertia = float(np.sum(base_parameters(machine.links)[3 * where :: 3]))
         if len(t) > 1 and inertia > 0.0:
-            pressed = np.nan_to_num(self._pressing(machine, values, t, where)) / inertia  # not known: it stays
+            pressed = np.nan_to_num(self._pressing(machine, values, t, where)) / inertia  # unknown: no change of side
             place = fallen(pressed, float(np.mean(np.diff(t))), self.falling)
             if np.any(place != place[0]):
                 found[:, signal] += size / 2.0 * place
         return found
 
     def _pressing(self, machine: Machine, values: Array, t: Array, where: int) -> Array:
-        """Torque (T,) [N m] that decides on which side of the play the joint lies."""
+        """Return the torque (T,) [N m] that decides on which side of the play the joint lies."""
         if self.pushed:
             return followed(np.nan_to_num(measured_torque(machine, values, where)), t, SMOOTHING)
         return rigid_torque(machine, values, t, where)
 
 
 def fallen(pressed: Array, step: float, play: float) -> Array:
-    """Place (T,), from -1 to 1, within a play [rad] of what is pressed by an acceleration (T,) [rad/s^2], at times
-    `step` [s] apart."""
+    """Return the position (T,), from -1 to 1, in a play [rad] under an acceleration (T,) [rad/s^2].
+
+    step: time between samples [s]
+    """
     side, begin = 1.0 if pressed[0] >= 0.0 else -1.0, 0
     found, away = np.empty(len(pressed)), {1.0: np.flatnonzero(pressed < 0.0), -1.0: np.flatnonzero(pressed > 0.0)}
     while begin < len(pressed):
@@ -75,7 +83,7 @@ def fallen(pressed: Array, step: float, play: float) -> Array:
         found[begin:leaves] = side
         moved = _moved(-side * pressed[leaves:] * step**2, play)
         begin = leaves + len(moved)
-        if len(moved) and moved[-1] >= play:  # it is there, and from now on pressed to the other side
+        if len(moved) and moved[-1] >= play:  # it has crossed, and is now pressed to the other side
             found[leaves:begin], side = side * (1.0 - 2.0 * np.minimum(moved, play) / play), -side
         else:
             found[leaves:begin] = side * (1.0 - 2.0 * np.maximum(moved, 0.0) / play)
@@ -83,7 +91,7 @@ def fallen(pressed: Array, step: float, play: float) -> Array:
 
 
 def _moved(pressed: Array, play: float) -> Array:
-    """Way (T,), from rest on, until the play is crossed or it is back."""
+    """Return the travel (T,), from rest, until the play is crossed or the joint is back."""
     moved = np.zeros(0)
     for count in (64, 1024, len(pressed)):
         moved = np.cumsum(np.cumsum(pressed[:count]))

@@ -14,13 +14,16 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class BoomMotion:
-    """The measured pitch phi of the carrying body changes with rate w. Its three sizes: the place R = (Rx, Rz) [m] of
-    the first pin relative to the body's pivot, in the body's frame, so that the pin has the velocity V = i w R exp(i
-    phi); and the share (1: in full) of w with which all links turn in addition."""
+    """Motion of the carrying body: its measured pitch phi changes with rate w.
+
+    The first two sizes are the position R = (Rx, Rz) [m] of the first pin relative to the body's pivot, in the body's
+    frame. The pin then has the velocity V = i w R exp(i phi). The third is the share (1: in full) of w with which all
+    links turn in addition.
+    """
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "boom_motion",
             "m",
@@ -44,8 +47,11 @@ class BoomMotion:
         return (4.0, 4.0, 1.0)
 
     def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
-        """Columns (..., N, 3). Rx and Rz: change per metre by the pin's velocity, at link rates that include `turning`;
-        share: difference between link rates with and without `turning` (see `fault.BaseMotion`)."""
+        """Return the columns (..., N, 3) of Rx, Rz and the share.
+
+        Rx and Rz: change per metre by the pin's velocity, at link rates that include `turning`. Share: difference
+        between link rates with and without `turning` (see `fault.BaseMotion`).
+        """
         turned, w = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0])), turning[..., None]
         bodies = _Bodies(machine, np.exp(1j * moving.q), base)
         still = np.zeros(1, dtype=np.complex128)
@@ -60,19 +66,27 @@ class BoomMotion:
 
 @dataclass(frozen=True, slots=True)
 class _Bodies:
-    """Links at angles exp(i q) (..., N) with base parameters (J, X, Z) (..., N, 3), hung on a pin with velocity V.
+    """Links on a first pin with velocity V.
+
+    machine: the machine
+    turn:    (..., N) exp(i q) of the links
+    base:    (..., N, 3) base parameters (J, X, Z)
 
     With r_j = (X_j + i Z_j) exp(i q_j), the velocity of pin j, P_j = V + sum_{i<j} i qd_i l_i exp(i q_i), the momentum
     of the links beyond, B_j = sum_{k>j} i qd_k r_k, and U_j = conj(r_j) P_j + l_j exp(-i q_j) B_j:
-    p_j = J_j qd_j + Im(U_j), -dT/dq_j = qd_j Re(U_j)."""
+    p_j = J_j qd_j + Im(U_j), -dT/dq_j = qd_j Re(U_j).
+    """
 
     machine: Machine
     turn: Complex
     base: Array
 
     def halves(self, qd: Array, velocity: Complex) -> tuple[Array, Array]:
-        """p and -dT/dq of every absolute angle, each (..., N), at rates `qd` (..., N) [rad/s] and the complex velocity
-        (..., 1) [m/s] of the first pin."""
+        """Return p and -dT/dq of every absolute angle, each (..., N).
+
+        qd:       (..., N) rates [rad/s]
+        velocity: (..., 1) complex velocity of the first pin [m/s]
+        """
         r, arms = (self.base[..., 1] + 1j * self.base[..., 2]) * self.turn, self.machine.lengths * self.turn
         pins = velocity + (1j * qd * arms) @ self.machine.outward
         beyond = (1j * qd * r) @ self.machine.outward.T

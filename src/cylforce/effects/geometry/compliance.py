@@ -10,15 +10,17 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class Compliance:
-    """A link that bends under load: the measured angle is wrong by size [rad/(N m)] times the joint's torque. With
-    `stiffening` the error grows more slowly at large torque, because contact areas grow and clearances close."""
+    """Link that bends under load: the measured angle is wrong by size [rad/(N m)] times the joint's torque.
+
+    With `stiffening` the error grows more slowly at large torque, because contact areas grow and clearances close.
+    """
 
     stiffening: float = 0.0  # 1/(N m), inverse of the torque at which the stiffening begins; 0: linear
     settling: float = 0.03  # s, time constant with which the link follows its load; chosen
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "compliance",
             "rad/(N m)",
@@ -32,12 +34,14 @@ class Compliance:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From a spring to joints that stiffen at 10 kN m."""
+        """Range of `stiffening`: from a linear spring to joints that stiffen at 10 kN m."""
         return (ShapeRange("stiffening", 0.0, 1e-4, log=True, shift=2e-6),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with the joint's angle changed to a + size tau / (1 + (stiffening tau)^2)^(1/4), tau: the
-        joint's torque from its cylinders' pressures. The same object without an angle sensor."""
+        """Return the signals (T, S) with the joint's angle changed to a + size tau / (1 + (stiffening tau)^2)^(1/4).
+
+        tau is the joint's torque from its cylinders' pressures. The same object without an angle sensor.
+        """
         signal = angle_signal(machine, where)
         if signal is None:
             return values

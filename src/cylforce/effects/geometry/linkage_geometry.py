@@ -10,15 +10,18 @@ from cylforce.mechanics.machine import Machine
 
 @dataclass(frozen=True, slots=True)
 class LinkageGeometry:
-    """Pin or bar number `part` of the linkage that drives a joint differs from the drawing by size [m]: a pin is
-    displaced along the x axis of the link that holds it, or `across` (along z); a bar is longer."""
+    """Pin or bar of the linkage that drives a joint, different from the drawing by size [m].
+
+    part:   number of the pin or bar; a pin is displaced along the x axis of the link that holds it, a bar is longer
+    across: whether a pin is displaced along the z axis instead
+    """
 
     part: int = 0
     across: bool = False
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "linkage_geometry",
             "m",
@@ -31,8 +34,10 @@ class LinkageGeometry:
         )
 
     def altered(self, machine: Machine, where: int, size: float) -> Machine:
-        """The machine with that part of the linkage at joint `where` changed by `size` [m]; the same object when there
-        is no such part."""
+        """Return the machine with the pin or bar of the linkage at joint `where` changed by `size` [m].
+
+        The same object when there is no such pin or bar.
+        """
         driving = [c for c, span in enumerate(machine.spans) if span == (where,)]
         if not driving:
             return machine
@@ -46,8 +51,9 @@ class LinkageGeometry:
 
 
 def _moved(linkage: Linkage, part: int, step: complex) -> Linkage | None:
-    """The linkage with one part changed: a pin displaced by `step` = x + i z [m], a bar longer by a real `step` [m];
-    None where the linkage has no such part, and for a bar with a `step` that is not real."""
+    """Return the linkage with one part changed: a pin displaced by `step` = x + i z [m], a bar longer by a real `step`
+    [m]; None where the linkage has no such part, and for a bar with a `step` that is not real.
+    """
     holder: Any = linkage
     parts = [(f.name, value) for f in fields(holder) if isinstance(value := getattr(holder, f.name), tuple | float)]
     if part >= len(parts) or (isinstance(parts[part][1], float) and step.imag):

@@ -13,21 +13,24 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class RingingCompliance:
-    """A spring of compliance c [rad/(N m)] between a joint and the links beyond, which the joint's sensor does not see.
-    The links turn by d beyond the measured angle, d'' + 2 D w d' + w^2 d = -c w^2 tau, with the natural frequency
-    w / 2 pi = `frequency`, the `damping` ratio D, and tau, the torque that holds and moves these links. Every joint j
-    needs M_j d'' + K_j d more, with M_j: inertia of these links about the joint, K_j: change of their weight's torque
-    per radian.
+    """Spring of compliance c [rad/(N m)] between a joint and the links beyond, which the joint's sensor does not
+    measure.
 
-    With c = 1 / (M w^2) and without weight this is the exact answer of two masses on a spring, -s^2 / (s^2 + 2 D w s +
-    w^2) tau; a load in the bucket makes c w^2 larger. tau is that of the data sheet's masses."""
+    The links turn by d beyond the measured angle, d'' + 2 D w d' + w^2 d = -c w^2 tau. The natural frequency w / 2 pi
+    is `frequency`, the damping ratio D is `damping`, and tau is the torque that holds and moves these links. Every
+    joint j needs M_j d'' + K_j d more: M_j is the inertia of these links about the joint, K_j the change of their
+    weight's torque per radian.
+
+    With c = 1 / (M w^2) and without weight this is the exact answer of two masses on a spring,
+    -s^2 / (s^2 + 2 D w s + w^2) tau; a load in the bucket makes c w^2 larger. tau is that of the data sheet's masses.
+    """
 
     frequency: float = 2.0  # Hz, natural frequency
     damping: float = 0.1  # damping ratio
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "ringing_compliance",
             "rad/(N m)",
@@ -47,8 +50,9 @@ class RingingCompliance:
         return ShapeRange("frequency", 0.7, 8.0, log=True), ShapeRange("damping", 0.02, 0.6, log=True)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Torques (T, N) of the cylinders per rad/(N m) of c: -(M_j W'' + K_j W) with W the spring's response to
-        tau."""
+        """Return the torques (T, N) of the cylinders per rad/(N m) of c: -(M_j W'' + K_j W) with W the spring's
+        response to tau.
+        """
         arm = bodies(machine, moving)
         bent, accelerated = resonance(arm.torque(t, where), t, self.frequency, self.damping)
         pivot = arm.pins[:, where]

@@ -12,7 +12,7 @@ class ClockFault:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "clock_fault",
             "s",
@@ -30,5 +30,5 @@ class ClockFault:
 
     @property
     def course(self) -> TimeCourse:
-        """How these sizes change with time."""
+        """Course of the sizes over time."""
         return TimeCourse.CLOCK

@@ -11,7 +11,7 @@ class PayloadShift:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "payload_shift",
             "kg m",
@@ -30,5 +30,5 @@ class PayloadShift:
 
     @property
     def course(self) -> TimeCourse:
-        """How these sizes change with time."""
+        """Course of the sizes over time."""
         return TimeCourse.AFTER

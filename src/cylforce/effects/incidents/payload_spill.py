@@ -1,4 +1,4 @@
-"""A load of which a part falls out."""
+"""Spill of a load."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,14 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class PayloadSpill:
-    """A load of which a part falls out: its mass and first moments change at one instant, until the bucket is emptied.
-    The next load is whole."""
+    """Spill of a load: its mass and first moments change at one instant, until the bucket is emptied.
+
+    The next load is not changed.
+    """
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "payload_spill",
             "kg",
@@ -31,5 +33,5 @@ class PayloadSpill:
 
     @property
     def course(self) -> TimeCourse:
-        """How these sizes change with time."""
+        """Course of the sizes over time."""
         return TimeCourse.AFTER

@@ -10,8 +10,12 @@ RAMP = 0.35  # s in which the teeth enter and leave the soil; chosen
 
 
 class CarriedLoad(NamedTuple):
-    """A load at T instants: `mass` (T,) [kg], `centre` (T, 2) = (x, z) [m] in the last link's frame, `inertia` (T,)
-    [kg m^2] about the last pin."""
+    """Load at T instants.
+
+    mass:    (T,) [kg]
+    centre:  (T, 2) = (x, z) [m] in the last link's frame
+    inertia: (T,) about the last pin [kg m^2]
+    """
 
     mass: Array
     centre: Array
@@ -19,6 +23,8 @@ class CarriedLoad(NamedTuple):
 
 
 def smooth(t: Array, start: float, stop: float) -> Array:
-    """Transition (T,) at times t (T,) [s]: 0 before `start`, 1 after `stop`, a minimum-jerk polynomial between."""
+    """Return the transition (T,) at times t (T,) [s]: 0 before `start`, 1 after `stop`, a minimum-jerk polynomial
+    between.
+    """
     u = np.clip((t - start) / (stop - start), 0.0, 1.0)
     return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))

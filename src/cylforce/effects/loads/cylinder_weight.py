@@ -23,21 +23,23 @@ from cylforce.mechanics.riders import (
 
 @dataclass(frozen=True, slots=True)
 class CylinderWeight:
-    """A barrel's first moment about the foot less the rod's about the eye is w. Along the cylinder's line u, from foot
-    to eye, the barrel lies at foot + s u and the rod at eye - s' u: what does not turn with u is in the parameters of
-    the links that hold foot and eye, and w u remains. It weighs, and resists, as a mass w/s in the middle s of the
-    shortest cylinder less the same mass at the foot. Inertia in proportion to the square of the cylinder's own turning
-    is left out: a few parts in a thousand of the link's. A cylinder that stands on the chassis has no such parameter:
-    its torque depends on one angle, as the link's does, which takes its place."""
+    """First moment w of a cylinder: the barrel's about the foot less the rod's about the eye.
+
+    Along the cylinder's line u, from foot to eye, the barrel lies at foot + s u and the rod at eye - s' u. The terms
+    that do not turn with u are in the parameters of the links that hold foot and eye; w u remains. Its weight and
+    inertia are those of a mass w/s in the middle s of the shortest cylinder less the same mass at the foot. Inertia in
+    proportion to the square of the cylinder's own turning is neglected: a few thousandths of the link's. A cylinder on
+    the chassis has no such parameter: its torque depends on one angle, as the link's does, whose parameter includes it.
+    """
 
     depends_on: ClassVar[tuple[str, ...]] = ("a", "q", "qd", "g", "slew", "length", "lever")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The first moment w [kg m] of every cylinder that a link carries."""
+        """Return the first moment w [kg m] of every cylinder that a link carries."""
         return tuple(Parameter(f"{c.name}.cylinder", "kg m") for c in machine.carried)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Momentum and static columns (..., N, K) of K cylinders; zero where a linkage cannot be closed."""
+        """Return the momentum and static columns (..., N, K) of K cylinders; zero where a linkage cannot be closed."""
         at, up = link_motion(machine, moving), gravity_factor(moving)
         with np.errstate(divide="ignore", invalid="ignore"):
             columns = [_column(machine, moving, at, up, cylinder) for cylinder in machine.carried]
@@ -47,7 +49,7 @@ class CylinderWeight:
 
 
 def _column(machine: Machine, moving: Motion, at: LinkMotion, up: Vector, cylinder: Cylinder) -> list[list[Number]]:
-    """Momentum and static column of one cylinder, by joints."""
+    """Return the momentum and static column of one cylinder, by joints."""
     turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
     foot, middle = body_point(at, cylinder.linkage.pins[0]), cylinder.length_low / 2.0
     ends = (foot, point_on_line(foot, eye_point(at, cylinder.linkage), middle))

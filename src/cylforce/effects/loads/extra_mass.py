@@ -15,7 +15,7 @@ class ExtraMass:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "extra_mass",
             "kg",
@@ -39,8 +39,10 @@ class ExtraMass:
         return (500.0, 60.0, 60.0, 300.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Change (3N, 4) of (J, X, Z) of all links by a unit mass at the centre of gravity of link `where`, by its two
-        first moments about that point, and by its inertia."""
+        """Return the change (3N, 4) of (J, X, Z) of all links per unit of each size of link `where`.
+
+        The sizes are a mass at its centre of gravity, two first moments about that point, and the inertia.
+        """
         link, columns = machine.links[where], np.zeros((machine.size, 3, 4))
         for i in range(where):
             columns[i, 0, 0], columns[i, 1, 0] = machine.links[i].length ** 2, machine.links[i].length

@@ -15,7 +15,7 @@ class FirstMomentChange:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "first_moment_change",
             "kg m",
@@ -39,7 +39,7 @@ class FirstMomentChange:
         return (1000.0, 1000.0, 3000.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Change (3N, 3) of (J, X, Z) of all links per unit of X, Z and J of link `where`."""
+        """Return the change (3N, 3) of (J, X, Z) of all links per unit of X, Z and J of link `where`."""
         columns = np.zeros((machine.size, 3, 3))
         columns[where, 1, 0] = columns[where, 2, 1] = columns[where, 0, 2] = 1.0
         return columns.reshape(3 * machine.size, 3)

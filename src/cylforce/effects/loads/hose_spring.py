@@ -12,19 +12,22 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class HoseSpring:
-    """Hoses across a joint, which the cylinders must bend: torque k x at the angle x from where the hoses are at rest,
-    or, with `cubic`, k x (x / h)^2, h half the joint's range: a loop that is pulled tight only towards its ends. Rest
-    is at low + rest (high - low) of the joint's range.
+    """Hoses across a joint that the cylinders must bend: torque k x, x the angle from where the hoses are free of
+    torque.
+
+    With `cubic` it is k x (x / h)^2, h half the joint's range: a loop that is tight only near its ends. x is zero at
+    low + rest (high - low) of the joint's range.
 
     A loop of length L and bending stiffness E I has k = E I / L (Euler and Bernoulli): tens of N m/rad for a hose of
-    one inch with wire braid, of which two to ten cross a joint."""
+    one inch with wire braid, of which two to ten cross a joint.
+    """
 
     rest: float = 0.5  # share of the joint's range at which the hoses are at rest
     cubic: bool = False
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "hose_spring",
             "N m/rad",
@@ -39,11 +42,11 @@ class HoseSpring:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """Anywhere in the range of the joint."""
+        """Range of `rest`: anywhere in the range of the joint."""
         return (ShapeRange("rest", 0.0, 1.0),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Torques (T, N) of the cylinders per N m/rad of k: x, or x (x / h)^2, at joint `where`."""
+        """Return the torques (T, N) of the cylinders per N m/rad of k: x, or x (x / h)^2, at joint `where`."""
         link = machine.links[where]
         half = 0.5 * (link.angle_high - link.angle_low)
         x = np.diff(moving.a, axis=-1, prepend=0.0)[:, where] - link.angle_low - 2.0 * half * self.rest

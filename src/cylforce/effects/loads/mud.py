@@ -13,14 +13,17 @@ USUAL = 600.0  # s after which the mass is told
 
 @dataclass(frozen=True, slots=True)
 class Mud:
-    """Mud on a link, none at the start of the recording and `size` [kg] after ten minutes: growing evenly, or, with
-    `slowing`, ever more slowly as the places where it sticks are filled, 1 - exp(-slowing t)."""
+    """Mud on a link: no mass at the start of the recording and `size` [kg] after ten minutes.
+
+    It grows evenly, or, with `slowing`, as 1 - exp(-slowing t): ever more slowly as the recesses in which it stays fill
+    up.
+    """
 
     slowing: float = 0.0  # 1/s, inverse of the time in which the places are filled; 0: it grows evenly
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "mud",
             "kg",
@@ -35,7 +38,7 @@ class Mud:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From even growth to places that are filled within a minute."""
+        """Range of `slowing`: from even growth to deposits that are complete within a minute."""
         return (ShapeRange("slowing", 0.0, 1.0 / 60.0, log=True, shift=1.0 / 2000.0),)
 
     @property
@@ -50,8 +53,10 @@ class Mud:
         return (200.0, 60.0, 60.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Change (3N, 3) of (J, X, Z) of all links by a unit mass at the centre of gravity of link `where`, and by its
-        two first moments about that point."""
+        """Return the change (3N, 3) of (J, X, Z) of all links per unit of each size of link `where`.
+
+        The sizes are a mass at its centre of gravity and two first moments about that point.
+        """
         link, columns = machine.links[where], np.zeros((machine.size, 3, 3))
         for i in range(where):
             columns[i, 0, 0], columns[i, 1, 0] = machine.links[i].length ** 2, machine.links[i].length
@@ -60,8 +65,9 @@ class Mud:
         return columns.reshape(3 * machine.size, 3)
 
     def grown(self, t: Array) -> Array:
-        """Share of that mass at times t (T,) [s]: t / 600 s, or
-        (1 - exp(-slowing t)) / (1 - exp(-slowing 600 s))."""
+        """Return the share of that mass at times t (T,) [s]: t / 600 s, or (1 - exp(-slowing t)) / (1 - exp(-slowing
+        600 s)).
+        """
         if not self.slowing:
             return np.asarray(t / USUAL)
         return np.asarray(np.expm1(-self.slowing * t) / np.expm1(-self.slowing * USUAL))

@@ -12,20 +12,22 @@ from cylforce.mechanics.motion import Motion
 
 @dataclass(frozen=True, slots=True)
 class Rigid:
-    """p_j = J_j qd_j + sum_{i<j} l_i A_ij qd_i + sum_{k>j} l_j A_jk qd_k and
-    static_j = sum_{i<j} l_i qd_i qd_j B_ij - sum_{k>j} l_j qd_j qd_k B_jk + g (X_j cos q_j - Z_j sin q_j),
-    with A_ij = Re(c_j e), B_ij = Im(c_j e), c = X + i Z, e = exp(i (q_j - q_i)): momentum and the other terms of the
-    generalised forces Q_j of the absolute angles."""
+    """Torque of rigid links: momentum and the other terms of the generalised forces Q_j of the absolute angles.
+
+    p_j = J_j qd_j + sum_{i<j} l_i A_ij qd_i + sum_{k>j} l_j A_jk qd_k
+    static_j = sum_{i<j} l_i qd_i qd_j B_ij - sum_{k>j} l_j qd_j qd_k B_jk + g (X_j cos q_j - Z_j sin q_j)
+    with A_ij = Re(c_j e), B_ij = Im(c_j e), c = X + i Z, e = exp(i (q_j - q_i)).
+    """
 
     depends_on: ClassVar[tuple[str, ...]] = ("q", "qd", "g")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """J [kg m^2], X and Z [kg m] of every link, house outwards."""
+        """Return J [kg m^2], X and Z [kg m] of every link, house outwards."""
         units = (("J", "kg m^2"), ("X", "kg m"), ("Z", "kg m"))
         return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Momentum and static columns, each (..., N, 3N), in joint torques."""
+        """Return the momentum and static columns, each (..., N, 3N), in joint torques."""
         n, turn, qd = machine.size, np.exp(1j * moving.q), moving.qd
         outer = turn[..., None, :] * np.conj(turn)[..., :, None]  # [j, k] = exp(i (q_k - q_j))
         beyond = machine.reach * outer  # l_j exp(...) for k > j: what row j sees

@@ -22,20 +22,26 @@ from cylforce.mechanics.riders import (
 
 @dataclass(frozen=True, slots=True)
 class RockerWeight:
-    """Bars whose first moment about the rocker's pin is w weigh, and resist, as a mass w/s at the rocker's end less the
-    same mass at its pin, s the rocker's length: what turns with the body that holds the pin is in that link's
-    parameters. These absorb the bars in the mean only (mechanics/README.md, section 3, limit), and leave an error on
-    another slope. While the rocker stands still to that body, its column is a sum of the link's."""
+    """Bars of a linkage with first moment w about the rocker's pin.
+
+    Their weight and inertia are those of a mass w/s at the rocker's end less the same mass at its pin, s the rocker's
+    length. The terms that turn with the body that holds the pin are in that link's parameters. Without a column of
+    their own, bars are absorbed by these only in the mean (mechanics/README.md, section 3, limit), with an error on
+    another slope. While the rocker does not turn relative to that body, its column is a linear combination of the
+    link's.
+    """
 
     # length and lever: another linkage shows in them
     depends_on: ClassVar[tuple[str, ...]] = ("a", "q", "qd", "g", "slew", "length", "lever")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The first moment w [kg m] of every four-bar linkage."""
+        """Return the first moment w [kg m] of every four-bar linkage."""
         return tuple(Parameter(f"{name}.rocker", "kg m") for name in machine.four_bars)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Momentum and static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be closed."""
+        """Return the momentum and static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be
+        closed.
+        """
         at, up = link_motion(machine, moving), gravity_factor(moving)
         with np.errstate(divide="ignore", invalid="ignore"):
             columns = [_column(machine, moving, at, up, bar) for bar in machine.four_bars.values()]
@@ -45,7 +51,7 @@ class RockerWeight:
 
 
 def _column(machine: Machine, moving: Motion, at: LinkMotion, up: Vector, bar: FourBar) -> list[list[Number]]:
-    """Momentum and static column of one linkage, by joints."""
+    """Return the momentum and static column of one linkage, by joints."""
     turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
     columns = [unit_mass_torque(point, up, turning, machine.slew_axis) for point in rocker_points(at, bar)]
     pin, end = columns

@@ -25,12 +25,12 @@ class Slew:
     depends_on: ClassVar[tuple[str, ...]] = ("a", "slew")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """J [kg m^2], X, Z [kg m], D_excess and E [kg m^2] of every link, house outwards."""
+        """Return J [kg m^2], X, Z [kg m], D_excess and E [kg m^2] of every link, house outwards."""
         units = (("J", "kg m^2"), ("X", "kg m"), ("Z", "kg m"), ("D_excess", "kg m^2"), ("E", "kg m^2"))
         return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Static columns (..., N, 5N) in joint torques."""
+        """Return the static columns (..., N, 5N) in joint torques."""
         n, lengths, turn = machine.size, machine.lengths, np.exp(1j * moving.a)
         rho = machine.slew_axis + (lengths * turn.real) @ machine.outward
         # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has the columns Re(u) and -Im(u)
@@ -48,7 +48,7 @@ class Slew:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "slew_centrifugal",
             "rad^2/s^2",
@@ -68,11 +68,12 @@ class Slew:
 
     @property
     def course(self) -> TimeCourse:
-        """How these sizes change with time."""
+        """Course of the sizes over time."""
         return TimeCourse.WINDOWS
 
 
 def slew_parameters(links: tuple[Link, ...]) -> Array:
-    """(D_excess, E) (N, 2) [kg m^2] from the data sheet's masses: D - J = -2 Z^2/m = -2 m cz^2,
-    E = (X - mu l) Z / m = m cx cz (mechanics/README.md, section 4)."""
+    """Return (D_excess, E) (N, 2) [kg m^2] from the data sheet's masses: D - J = -2 Z^2/m = -2 m cz^2, E = (X - mu l) Z
+    / m = m cx cz (mechanics/README.md, section 4).
+    """
     return np.array([(-2.0 * k.mass * k.cz**2, k.mass * k.cx * k.cz) for k in links])

@@ -17,11 +17,13 @@ class TipForce:
     """A force (x forward, z truly vertical) at the tooth line and a moment on the last link."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """x, z [N] and moment [N m]."""
+        """Return x, z [N] and moment [N m]."""
         return (Parameter("tip.x", "N"), Parameter("tip.z", "N"), Parameter("tip.moment", "N m"))
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Static columns (..., N, 3): the joint torques that the cylinders supply against x, z and the moment."""
+        """Return the static columns (..., N, 3): the joint torques that the cylinders supply against x, z and the
+        moment.
+        """
         # in axes of the true horizontal; the vector from joint j to the tool is the sum of the arms from j outwards
         beyond = (np.exp(1j * moving.q) * machine.arms) @ machine.sum_outward.T
         columns = np.empty((*beyond.shape, 3))
@@ -30,7 +32,7 @@ class TipForce:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "soil_contact",
             "N",
@@ -49,10 +51,10 @@ class TipForce:
 
     @property
     def course(self) -> TimeCourse:
-        """How these sizes change with time."""
+        """Course of the sizes over time."""
         return TimeCourse.WINDOWS
 
 
 def tip_torque(machine: Machine, moving: Motion, force: Array) -> Array:
-    """Joint torques (T, N) [N m] that balance a force (T, 2) [N] (x forward, z up) on the teeth."""
+    """Return the joint torques (T, N) [N m] that balance a force (T, 2) [N] (x forward, z up) on the teeth."""
     return np.asarray((TipForce().halves(machine, moving).static[..., :2] @ force[..., None])[..., 0])

@@ -13,7 +13,7 @@ class AngleOffset:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "angle_offset",
             "rad (m)",
@@ -25,7 +25,7 @@ class AngleOffset:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with `size` added to signal `where`."""
+        """Return the signals (T, S) with `size` added to signal `where`."""
         found = values.copy()
         found[:, where] += size
         return found

@@ -10,14 +10,17 @@ from cylforce.signals.kinds import Kind
 
 @dataclass(frozen=True, slots=True)
 class AngleScale:
-    """A scale error of an angle or length sensor: reading = a + size (a - a_0), correct where the sensor was set, at
-    a_0 = low + right (high - low) of its range: at an end stop, or in the middle."""
+    """Scale error of an angle or length sensor: reading = a + size (a - a_0).
+
+    It is correct where the sensor was set, at a_0 = low + right (high - low) of its range: at an end stop, or in the
+    middle.
+    """
 
     right: float = 0.5  # share of the range at which the reading is correct
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "angle_scale",
             "1",
@@ -30,18 +33,20 @@ class AngleScale:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """It is set anywhere in its range."""
+        """Range of `right`: the sensor may be set anywhere in its range."""
         return (ShapeRange("right", 0.0, 1.0),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` changed to a + size (a - a_0)."""
+        """Return the signals (T, S) with signal `where` changed to a + size (a - a_0)."""
         found, (low, high) = values.copy(), _range(machine, where)
         found[:, where] += size * (values[:, where] - low - self.right * (high - low))
         return found
 
 
 def _range(machine: Machine, where: int) -> tuple[float, float]:
-    """Lowest and highest value of an angle sensor: of its joint's or cylinder's range, else of its own range."""
+    """Return the lowest and highest value of an angle sensor: of its joint's or cylinder's range, else of its own
+    range.
+    """
     signal = machine.signals[where]
     if signal.kind is Kind.JOINT_ANGLE:
         return machine.links[signal.index].angle_low, machine.links[signal.index].angle_high

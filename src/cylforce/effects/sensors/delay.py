@@ -13,21 +13,23 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """Delay of the posture behind the force: to first order F(t) - F(t - delay) = delay dF/dt. On the empty machine a
-    few milliseconds look like viscous friction, but the error grows with the load. As a fault (`distorted`): the delay
-    of one sensor."""
+    """Delay of the posture behind the force: to first order F(t) - F(t - delay) = delay dF/dt.
+
+    On the empty machine a few milliseconds resemble viscous friction, but the error grows with the load. As a fault
+    (`distorted`) it is the delay of one sensor.
+    """
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """The delay [s] of the posture behind the force, one per cylinder."""
+        """Return the delay [s] of the posture behind the force, one per cylinder."""
         return tuple(Parameter(f"{c.name}.delay", "s") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Static columns (..., N, C): dF/dt times the lever."""
+        """Return the static columns (..., N, C): dF/dt times the lever."""
         return Halves(None, np.swapaxes(moving.force_rate[..., None] * moving.lever, -1, -2))
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "sensor_delay",
             "s",
@@ -40,7 +42,7 @@ class Delay:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` delayed by `size` [s], linear between samples."""
+        """Return the signals (T, S) with signal `where` delayed by `size` [s], linear between samples."""
         found = values.copy()
         found[:, where] = np.interp(t - size, t, values[:, where])
         return found

@@ -19,7 +19,7 @@ class EncoderEccentricity:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "encoder_eccentricity",
             "rad",
@@ -32,8 +32,10 @@ class EncoderEccentricity:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` changed to a + size sin(a), or with `across` a + size cos(a). The same
-        object where it is a length."""
+        """Return the signals (T, S) with signal `where` changed to a + size sin(a), or with `across` a + size cos(a).
+
+        The same object where the signal is a length.
+        """
         if machine.signals[where].kind is Kind.CYLINDER_LENGTH:
             return values
         found, angle = values.copy(), values[:, where]

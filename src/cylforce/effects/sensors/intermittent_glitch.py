@@ -1,4 +1,4 @@
-"""A sensor whose reading jumps for moments: a loose contact."""
+"""Sensor with short jumps of its reading: a loose contact."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,10 +17,12 @@ USUAL, CLEAR = 98.0, 2.0  # per cent of all steps from sample to sample; factor 
 
 @dataclass(frozen=True, slots=True)
 class IntermittentGlitch:
-    """A sensor whose reading jumps by size times its range, up or down, once at a random instant of each stretch of
-    `every` seconds, for `shortest` to `longest` seconds. The instants are those of the `seed`; a diagnosis cannot know
-    them, finds the jumps in the readings (`glitches`), and says when they were: `jumps` holds begin [s], duration [s]
-    and direction (1 or -1) of each, one after the other. Where it is not empty it stands instead of the seed's."""
+    """Sensor whose reading jumps by size times its range, up or down.
+
+    It jumps once at a random instant of each stretch of `every` seconds, for `shortest` to `longest` seconds. The
+    instants are those of the `seed`, unless `jumps` is given. A diagnosis finds the jumps in the readings (`glitches`)
+    and gives them as `jumps`: begin [s], duration [s] and direction (1 or -1) of each, one after the other.
+    """
 
     every: float = 6.0  # s
     shortest: float = 0.05  # s
@@ -30,7 +32,7 @@ class IntermittentGlitch:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "intermittent_glitch",
             "1",
@@ -42,7 +44,7 @@ class IntermittentGlitch:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` changed by size times its range during each jump."""
+        """Return the signals (T, S) with signal `where` changed by size times its range during each jump."""
         signal, found = machine.signals[where], values.copy()
         for begin, length, way in self._when(t):
             inside = slice(*np.searchsorted(t, (begin, begin + length)))
@@ -61,8 +63,11 @@ class IntermittentGlitch:
 
 
 def glitches(reading: Array, dt: float) -> NDArray[np.bool_]:
-    """Which samples (T,) of one sensor, `dt` [s] apart, belong to jumps: away from the running median, reached and left
-    by steps that no motion makes. A pressure may jump on a machine in order: compare with its references."""
+    """Return the samples (T,) of one sensor, `dt` [s] apart, that belong to jumps.
+
+    They differ from the running median, and their first and last steps are larger than those of any motion. A pressure
+    may jump on a healthy machine: compare it with the references.
+    """
     from scipy.ndimage import median_filter  # not needed by who reads results of recordings
 
     window = round(LONGEST / dt)

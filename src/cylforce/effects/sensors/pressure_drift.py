@@ -18,7 +18,7 @@ class PressureDrift:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "pressure_drift",
             "Pa/h",
@@ -31,12 +31,14 @@ class PressureDrift:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """From a drift that goes on to a sensor that is warm within 20 s."""
+        """Range of `fading`: from a constant drift to a sensor that is warm within 20 s."""
         return (ShapeRange("fading", 0.0, 1.0 / 20.0, log=True, shift=1.0 / 2000.0),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` changed to p + size t, or to p + size (1 - exp(-f t)) / f with
-        `fading` f; t since the start of the recording, size per hour."""
+        """Return the signals (T, S) with signal `where` changed to p + size t, t since the start of the recording.
+
+        With `fading` f it is p + size (1 - exp(-f t)) / f. The size is per hour.
+        """
         since = -np.expm1(-self.fading * t) / self.fading if self.fading else t
         found = values.copy()
         found[:, where] += size * since / 3600.0

@@ -13,7 +13,7 @@ class PressureGain:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "pressure_gain",
             "1",
@@ -25,7 +25,7 @@ class PressureGain:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` multiplied by 1 + size."""
+        """Return the signals (T, S) with signal `where` multiplied by 1 + size."""
         found = values.copy()
         found[:, where] *= 1.0 + size
         return found

@@ -14,17 +14,20 @@ STILL = 0.1  # share of the play by which a reading moves at least, and not by n
 
 @dataclass(frozen=True, slots=True)
 class PressureSensorHysteresis:
-    """A pressure sensor whose reading lags behind by half of its width `size` [Pa]: less while the pressure rises, more
-    while it falls. After a reversal it either stands still until the pressure has moved by that width (play operator,
-    Krasnosel'skii and Pokrovskii 1983: a sticking mechanism), or, with `opening`, approaches the other branch as
-    exp(-way / opening): a diaphragm that is not quite elastic."""
+    """Pressure sensor whose reading lags by half of its width `size` [Pa]: less while the pressure rises, more while it
+    falls.
+
+    After a reversal the reading stays constant until the pressure has moved by that width (play operator,
+    Krasnosel'skii and Pokrovskii 1983: a sticking mechanism). With `opening` it approaches the other branch as exp(-way
+    / opening): a diaphragm that is not quite elastic.
+    """
 
     opening: float = 0.0  # Pa of pressure within which the other branch is approached; 0: play
     smoothing: float = 0.1  # s: only the mean over so long turns the sensor round, not a reading's noise; chosen
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "pressure_sensor_hysteresis",
             "Pa",
@@ -39,12 +42,14 @@ class PressureSensorHysteresis:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """Of a diaphragm: 3 to 100 bar. A play has none."""
+        """Range of `opening` for a diaphragm: 3 to 100 bar; a play has none."""
         return (ShapeRange("opening", 3e5, 100e5, log=True),) if self.opening else ()
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` changed to p - error. A negative size takes the error out of a
-        reading."""
+        """Return the signals (T, S) with signal `where` changed to p - error.
+
+        A negative size removes the error from a reading.
+        """
         from scipy.ndimage import uniform_filter1d  # not needed by who reads results of recordings
 
         found, window = values.copy(), 2 * int(self.smoothing / 2.0 * (len(t) - 1) / max(t[-1] - t[0], 1e-9)) + 1
@@ -54,15 +59,21 @@ class PressureSensorHysteresis:
         return found
 
     def _told(self, reading: Array, width: float) -> Array:
-        """The branch that readings (T,) [Pa] tell: the one of their last way, from and to the samples at which they
-        move; even between them, where they stand still while the pressure crosses the play."""
+        """Return the branch of readings (T,) [Pa]: that of their last motion, from and to the samples at which they
+        move.
+
+        It is interpolated between them, while the readings are constant and the pressure crosses the play.
+        """
         branch = self._branch(reading, STILL * width)
         moving = np.flatnonzero(np.diff(reading, prepend=reading[0]) * branch * (np.abs(branch) == 1.0) > 0.0)
         return np.interp(np.arange(len(reading)), moving, branch[moving]) if moving.size else branch
 
     def _branch(self, pressure: Array, width: float) -> Array:
-        """Where between both branches (-1 falling .. 1 rising) the reading of the pressures (T,) [Pa] is; in the middle
-        at the first sample."""
+        """Return the position of the reading between both branches (-1 falling .. 1 rising); in the middle at the first
+        sample.
+
+        pressure: (T,) [Pa]
+        """
         steps = np.diff(pressure, prepend=pressure[:1])
         if self.opening:
             return followed(np.copysign(1.0, steps), np.exp(-np.abs(steps) / self.opening))

@@ -12,9 +12,9 @@ class PressureZero:
     """A constant error f_0 [N] of each cylinder's measured force, from the zero errors of its pressure sensors."""
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """f_0 [N] of every cylinder."""
+        """Return f_0 [N] of every cylinder."""
         return tuple(Parameter(f"{c.name}.pressure_zero", "N") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Static columns (..., N, C): the levers."""
+        """Return the static columns (..., N, C): the levers."""
         return Halves(None, moving.lever.swapaxes(-1, -2))

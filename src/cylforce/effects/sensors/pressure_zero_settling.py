@@ -19,7 +19,7 @@ class PressureZeroSettling:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "pressure_zero_settling",
             "Pa",
@@ -32,12 +32,13 @@ class PressureZeroSettling:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """A diaphragm in oil takes 20 s, a valve block an hour."""
+        """Range of `settling`: a diaphragm in oil takes 20 s, a valve block an hour."""
         return (ShapeRange("settling", 20.0, 3600.0, log=True),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with signal `where` changed to p + size exp(-t / settling), t since the start of the
-        recording."""
+        """Return the signals (T, S) with signal `where` changed to p + size exp(-t / settling), t since the start of
+        the recording.
+        """
         found = values.copy()
         found[:, where] += size * np.exp(-t / self.settling)
         return found

@@ -19,7 +19,7 @@ class TiltIgnored:
 
     @property
     def about(self) -> About:
-        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
             "tilt_ignored",
             "rad",
@@ -32,8 +32,10 @@ class TiltIgnored:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """The signals (T, S) with pitch + size cos(psi), or with `across` pitch + size sin(psi); psi: slew angle since
-        the start of the recording. The same object when the machine has no pitch sensor."""
+        """Return the signals (T, S) with pitch + size cos(psi), or with `across` pitch + size sin(psi).
+
+        psi is the slew angle since the start of the recording. The same object when the machine has no pitch sensor.
+        """
         place = {s.kind: k for k, s in enumerate(machine.signals)}
         if Kind.PITCH not in place:
             return values

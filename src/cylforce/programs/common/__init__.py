@@ -1,1 +1,3 @@
-"""What several commands share: reading machine and recordings, playing, progress, scores. No command stands here."""
+"""Functions shared by several commands: reading machine and recordings, playing, progress, scores. It has no
+command.
+"""

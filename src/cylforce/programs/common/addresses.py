@@ -8,7 +8,10 @@ LEAST_CODE, MOST_CODE = 6, 9  # digits
 
 
 def host_and_port(option: str, address: str) -> tuple[str, int]:
-    """Of HOST:PORT; an IPv6 address stands in square brackets. Raises ValueError that names the option."""
+    """Return host and port of HOST:PORT; an IPv6 address is in square brackets.
+
+    Raises ValueError that names the option.
+    """
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65535:
         raise ValueError(f"{option} {address}: is no address: write HOST:PORT, e.g. 127.0.0.1:8080")
@@ -16,7 +19,7 @@ def host_and_port(option: str, address: str) -> tuple[str, int]:
 
 
 def secret_of(option: str, path: Path) -> str:
-    """The text of a file, without blanks at its ends. Raises ValueError that names the option."""
+    """Return the text of a file, without blanks at its ends. Raises ValueError that names the option."""
     if is_stream(path) or is_large(path):
         raise ValueError(f"{option} {path}: is no small text file: write it into one")
     try:
@@ -26,7 +29,7 @@ def secret_of(option: str, path: Path) -> str:
 
 
 def read_code(path: Path) -> int:
-    """The code that unlocks protected objects. Raises ValueError with a sentence."""
+    """Return the code that unlocks protected objects. Raises ValueError with a sentence."""
     text = secret_of("--lock-file", path)
     if not (text.isascii() and text.isdecimal() and LEAST_CODE <= len(text) <= MOST_CODE) or int(text) == 0:
         raise ValueError(f"--lock-file {path}: the code must be {LEAST_CODE} to {MOST_CODE} digits, not all of them 0")

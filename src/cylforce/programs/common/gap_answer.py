@@ -1,4 +1,4 @@
-"""The answer as plain values, stable and documented: what `cylforce gap --json` writes."""
+"""Answer of `cylforce gap --json` as plain values, stable and documented."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -73,7 +73,7 @@ def answer(found: Diagnosis) -> dict[str, Any]:
 
 
 def sheet_answer(found: SheetGap) -> dict[str, Any]:
-    """Return the answer where only a data sheet is known: no effect is named, the parameters come first."""
+    """Return the answer when there is only a data sheet: it names no effect, the parameters come first."""
     question, refit = found.question, found.refit
     because = BECAUSE[KnowledgeSource.DATA_SHEET]
     gap = _sizes(question, refit, refit.before, refit.after)
@@ -106,7 +106,7 @@ def identify_first(refit: Refit, because: str) -> dict[str, Any]:
 
 
 def before_anything(whole: Mapping[str, Any]) -> list[str]:
-    """Return what to do before any other experiment."""
+    """Return the steps to be taken before any other experiment."""
     if "identify_first" in whole:
         return [IDENTIFY]
     if whole["verdict"] == Verdict.NOT_OBSERVABLE and not whole["working"]:
@@ -262,7 +262,7 @@ def _effects_by_probability(found: Diagnosis) -> list[Key]:
 
 
 def _probabilities(found: Diagnosis) -> dict[str, Any]:
-    """Return the probabilities of no gap, of each effect at its place, and of what the library lacks."""
+    """Return the probabilities of no gap, of each effect at its location, and of a cause that the library lacks."""
     posterior = found.evidence.posterior
     return {
         "no_gap": posterior.get(NO_GAP, 0.0),

@@ -1,7 +1,8 @@
-"""What `cylforce gap` compares the field with: one healthy machine, known in one of several ways.
+"""Healthy machine with which `cylforce gap` compares the field recordings, from one of several sources.
 
-Recordings of the healthy machine (--reference), recordings of the user's own simulation (--simulation), an
-identification (--identified), what is usual for the type (--usual). A data sheet alone is no healthy machine."""
+The sources are recordings of the healthy machine (--reference), recordings of the user's own simulation (--simulation),
+an identification (--identified), and the spread of the type (--usual). A data sheet alone is no healthy machine.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,10 +42,10 @@ ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 
 @dataclass(frozen=True)
 class Known:
-    """A healthy machine as far as it is known.
+    """Healthy machine of a diagnosis.
 
     machine:    the healthy machine
-    identified: whether its parameters are surely this machine's
+    identified: whether its parameters are certainly this machine's
     warnings:   sentences
     """
 
@@ -66,9 +67,9 @@ class Groups:
 
 
 def lasting_proposals(loaded: Loaded, library: tuple[Group, ...]) -> tuple[Proposal, ...]:
-    """Return all effects at their places that do not depend on a recording, and the unknown torques.
+    """Return all effects at their locations that do not depend on a recording, and the unknown torques.
 
-    Jumps of readings are left out: their effect is made of the jumps that a recording shows.
+    Jumps of readings are excluded: their effect is made of the jumps in a recording.
     """
     machine = loaded.service.machine
     return (
@@ -118,7 +119,7 @@ def known_machine(
     watch: Watch,
     cache: StatisticsCache | None = None,
 ) -> Known | None:
-    """Return the healthy machine of a question; None where only a data sheet is known. Raises SettingsError."""
+    """Return the healthy machine of a question; None if there is only a data sheet. Raises SettingsError."""
     tares = None if question.identified is None else read_identified(question.identified, loaded)
     known = None
     if groups.healthy:
@@ -144,7 +145,7 @@ def _identified_machine(
     if found is not None:
         known = set(found.layout.proposals)
         return Known(with_proposals(found, [p for p in each if p not in known]), identified=True)
-    # Laws that the identification did not use are no part of what it left unexplained.
+    # The noise floor is the residual with the identification's own laws: the model has no others.
     regressors = Regressors(Model(service.machine, service.filters, tares.friction), tares.values)
     noise, rng = usual_noise(service.machine, field), np.random.default_rng(SEED)
     machine = identified(regressors, each, tares.covariance, tares.row_error, field, noise, rng)
@@ -152,7 +153,7 @@ def _identified_machine(
 
 
 def _usual_machine(loaded: Loaded, path: Path, field: Sequence[Recording], library: tuple[Group, ...]) -> Known:
-    """Return a machine as is usual for its type; its noise floor is what a fit leaves of the field."""
+    """Return a machine with the mean and spread of its type; its noise floor is the residual of a fit to the field."""
     service, each = loaded.service, lasting_proposals(loaded, library)
     model = Model(service.machine, service.filters, ALWAYS, usual_parameters(path, service.machine))
     fitted = Regressors(model, fitted_parameters(model, field))

@@ -1,4 +1,4 @@
-"""What is asked of `cylforce gap`, and whether it can be answered."""
+"""Question of `cylforce gap`, and the check whether it can be answered."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,15 +13,15 @@ EXAMPLE = "field.log=1000"
 
 
 class Question(NamedTuple):
-    """What is asked.
+    """Inputs of a diagnosis.
 
     field:      recordings of the machine that differs
     reference:  recordings of the same machine while it was healthy
     identified: file of `cylforce identify`
     loads:      known loads [kg] by file name
     only:       NAME@AT of the one effect that is examined
-    without:    names of effects that are left out of the library
-    usual:      file of what is usual for the type
+    without:    names of effects that are excluded from the library
+    usual:      file of the type's usual spread
     simulation: recordings of the user's own simulation
     still:      recording of the machine without pressure, for the zeros of its pressure sensors
     """
@@ -78,7 +78,7 @@ def check_recordings(question: Question) -> None:
 
 
 def only_effect(library: tuple[Group, ...], only: str | None, machine: Machine) -> tuple[str, str] | None:
-    """Return name and place ("": any) of the one effect that is examined. Raises ValueError."""
+    """Return name and location ("": any) of the one effect that is examined. Raises ValueError."""
     if only is None:
         return None
     name, _, at = only.partition("@")

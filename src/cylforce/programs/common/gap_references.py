@@ -105,7 +105,7 @@ class _Seen:
         return cls(references_of(model, recordings, rows, counted), total, quiet)
 
     def mostly_work(self, names: Sequence[str]) -> list[str]:
-        """Return sentences about references of which nearly all looks like work beside the others."""
+        """Return sentences about references that seem to be nearly all work in comparison with the others."""
         said = []
         for name in names if len(names) > 1 else ():
             total, counted = self.total_s[name], self.counted_s[name]
@@ -118,7 +118,7 @@ class _Seen:
         return said
 
     def contradicting(self, names: Sequence[str]) -> list[str]:
-        """Return a sentence on two references of which a common fit leaves far more than one of each."""
+        """Return a sentence on two references whose residual is far larger fitted together than separately."""
         references = References(self.references.prior, {name: self.references.grams[name] for name in names})
         times = references.contradiction()
         if times < CLEAR_GAP:

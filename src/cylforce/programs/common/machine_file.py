@@ -1,4 +1,4 @@
-"""A program's machine file: read, and what is unusual about it said once."""
+"""Machine file of a program: read, with one warning for each unusual value."""
 
 import sys
 from pathlib import Path
@@ -7,7 +7,7 @@ from cylforce.settings.machine_file import Loaded, load
 
 
 def load_machine(path: Path) -> Loaded:
-    """`load`, with the file's warnings on standard error. Raises SettingsError."""
+    """Load a machine file and print its warnings on standard error. Raises SettingsError."""
     loaded = load(path)
     for warning in loaded.warnings:
         print(f"cylforce: warning: {warning}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""What was learnt of a healthy machine, as arrays in a file: beside identified.toml, and in the cache of references."""
+"""Statistics of a healthy machine as arrays in a file: next to identified.toml, and in the cache of references."""
 
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -64,7 +64,7 @@ _REASONS = {
 
 
 def _origin(loaded: Loaded, tares: Tares, proposals: Sequence[Proposal]) -> dict[str, NDArray[Any]]:
-    """Return what statistics belong to, by name."""
+    """Return the versions and hashes for which statistics are valid, by name."""
     return {
         "format": np.array(FORMAT),
         "version": np.array(cylforce.__version__),

@@ -28,7 +28,15 @@ from cylforce.simulation.trajectory import Scene
 
 
 class Play(NamedTuple):
-    """A run ready to be played: the machine as it is, its sensors, and the scenes as they come, by scene."""
+    """Run ready to be played.
+
+    loaded:  the machine as in its file
+    seed:    seed of the run
+    truth:   the simulated machine
+    made:    its sensors
+    header:  description of the run
+    records: its samples, scene by scene
+    """
 
     loaded: Loaded
     seed: int
@@ -75,10 +83,11 @@ def prepare(
     turning: bool = False,
     motion: Path | None = None,
 ) -> Play:
-    """Return a run of `amount` cycles or seconds; machine, motion and noise each have a generator of their own.
+    """Return a run; machine, motion and noise each have a random generator of their own.
 
+    amount:  number of cycles, or duration [s]
     effects: a file of effects of the `library`
-    motion:  a table of joint angles that is played in place of the scenario
+    motion:  a table of joint angles that is played instead of the scenario
     """
     machine = loaded.service.machine
     extra = read_effects(effects, loaded, library) if effects else ()
@@ -105,7 +114,7 @@ def _digging(service: Service, rng: np.random.Generator, count: int) -> Iterable
 
 
 def read_effects(path: Path, loaded: Loaded, library: tuple[Group, ...] = LIBRARY) -> tuple[Imposed, ...]:
-    """The effects of a file, by their names in the `library`. Raises SettingsError."""
+    """Return the effects of a file, by their names in the `library`. Raises SettingsError."""
     text = read_text(path, "give a file with [[effects]]", SettingsError)
     try:
         raw = tomllib.loads(text)
@@ -126,7 +135,7 @@ def _fault(found: ErrorDetails) -> FaultError:
 
 
 def _imposed(loaded: Loaded, table: _EffectTable, source: Source, k: int, library: tuple[Group, ...]) -> Imposed:
-    """One effect of a file. Raises SettingsError with file and line."""
+    """Return one effect of a file. Raises SettingsError with file and line."""
     machine = loaded.service.machine
     try:
         return imposed(

@@ -1,4 +1,4 @@
-"""The running program as a text: what is computed with it may be kept until it changes."""
+"""The running program as a text: results computed with it may be kept until it changes."""
 
 from functools import cache
 from hashlib import sha256

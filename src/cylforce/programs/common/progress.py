@@ -1,4 +1,4 @@
-"""How far a long command is: a bar on the terminal, nothing where there is none."""
+"""Progress of a long command: a bar on the terminal, nothing without one."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -9,20 +9,22 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from cylforce.signals.events import Event
 
-Watch = Callable[[str, float | None], None]  # what is being done; its share done (0..1), None where nobody knows
+Watch = Callable[[str, float | None], None]  # name of the task; its completed share (0..1), None where unknown
 
 EVERY = 5000  # events
 HEAD_BYTES = 1 << 16
 
 
 def silent(doing: str, share: float | None) -> None:
-    """Watch nothing."""
+    """Ignore progress."""
 
 
 @contextmanager
 def progress_bar(steps: int | None = None) -> Iterator[Watch]:
-    """A bar on the standard error's terminal; it is gone when the work is done. `steps`: how many things are done one
-    after the other, if that is known: then the bar is that of all of them."""
+    """Yield the progress function of a bar on the terminal of standard error; the bar is removed at the end.
+
+    steps: number of tasks that one bar covers; None: one bar for each task
+    """
     console = Console(stderr=True)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -30,7 +32,7 @@ def progress_bar(steps: int | None = None) -> Iterator[Watch]:
 
 
 def _of_one(bar: Progress) -> Watch:
-    """A bar that begins anew with everything that is done."""
+    """Return the progress function of a bar that restarts with each task."""
     task = bar.add_task("", total=None)
 
     def watch(doing: str, share: float | None) -> None:
@@ -43,7 +45,7 @@ def _of_one(bar: Progress) -> Watch:
 
 
 def _of_all(bar: Progress, steps: int) -> Watch:
-    """A bar of whole steps, and what of the present one is done."""
+    """Return the progress function of a bar over all tasks, the share of the present one included."""
     task, begun = bar.add_task("", total=float(steps)), list[str]()
 
     def watch(doing: str, share: float | None) -> None:
@@ -56,7 +58,7 @@ def _of_all(bar: Progress, steps: int) -> Watch:
 
 
 def watched(path: Path, events: Iterable[Event], watch: Watch) -> Iterator[Event]:
-    """The events of a recording, telling how much of it has been read."""
+    """Yield the events of a recording and report the share that has been read."""
     expected = _expected(path)
     for k, event in enumerate(events):
         if k % EVERY == 0:
@@ -65,8 +67,10 @@ def watched(path: Path, events: Iterable[Event], watch: Watch) -> Iterator[Event
 
 
 def _expected(path: Path) -> float | None:
-    """About how many lines a .log file has, estimated from its beginning; None for other files, whose lines are no
-    events."""
+    """Return the estimated number of lines of a .log file, from its beginning.
+
+    None for other files, whose lines are no events.
+    """
     if path.suffix.lower() != ".log":
         return None
     with path.open("rb") as file:

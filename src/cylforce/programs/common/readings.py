@@ -1,4 +1,4 @@
-"""What the programs read: a machine's model and core from its files, the samples of its recordings."""
+"""Inputs of the programs: a machine's model and core from its files, the samples of its recordings."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -37,7 +37,7 @@ KNOWN = (0.05, 2.0)  # times the rated payload: known weights from which the sca
 
 
 def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
-    """(machine file, recordings): the machine file comes first, or our own log names it."""
+    """Return the machine file and the recordings: the machine file comes first, or a cylforce log names it."""
     if files[0].suffix == ".toml":
         if len(files) == 1:
             raise RecordingError(f"{files[0]}: is a machine file; name a recording of the empty machine after it")
@@ -56,8 +56,10 @@ def machine_file_of(files: Sequence[Path]) -> tuple[Path, list[Path]]:
 
 
 def check_machine(path: Path, header: Header | None, loaded: Loaded) -> None:
-    """A log says of which machine it is: a state of the file that has changed since is worth a warning. Raises
-    RecordingError when it is of a machine file of another name."""
+    """Warn of a log that was recorded with another state of the machine file.
+
+    Raises RecordingError for a log of a machine file with another name.
+    """
     if header is None or header.machine_sha256 == loaded.sha256:
         return
     then, now = Path(header.machine), loaded.path
@@ -67,14 +69,16 @@ def check_machine(path: Path, header: Header | None, loaded: Loaded) -> None:
 
 
 def model_of(loaded: Loaded) -> Model:
-    """The estimator's model of a machine file's machine, with all friction laws that the file allows."""
+    """Return the estimator's model of a machine file, with all friction laws that the file allows."""
     service = loaded.service
     return Model(service.machine, service.filters, service.effects)
 
 
 def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent, tell: Report = warn) -> Iterator[Array]:
-    """A recording's gapless stretches of samples (T, S), SI, as they are read; `tell` is called with what was left out,
-    and with the reason where a log has no sample or two nodes send the same message."""
+    """Yield the gapless stretches of a recording, samples (T, S) in SI units, as they are read.
+
+    tell: receives sentences on excluded stretches, and why a log has no usable samples
+    """
     service = loaded.service
     recording = open_recording(path, service, loaded.columns, report=tell)
     longest = int(service.health.hold_s * service.filters.rate_hz)
@@ -93,12 +97,12 @@ def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent, tell: R
 def named_segments(
     loaded: Loaded, recordings: Sequence[Path], watch: Watch = silent, tell: Report = warn
 ) -> Iterator[tuple[str, Array]]:
-    """The gapless stretches of all recordings, each with the recording's name."""
+    """Yield the gapless stretches of all recordings, each with the recording's name."""
     return ((path.name, segment) for path in recordings for segment in recorded_segments(loaded, path, watch, tell))
 
 
 def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
-    """The table's columns in the order of the machine's signals."""
+    """Return the table's columns in the order of the machine's signals."""
     place = {name: k for k, name in enumerate(table.signals)}
     missing = [s.name for s in loaded.service.machine.signals if s.name not in place]
     if missing:
@@ -107,8 +111,10 @@ def ordered(table: Table, loaded: Loaded, path: Path) -> Array:
 
 
 def make_core(loaded: Loaded, identified: Path | None, tell: Report = warn) -> Core:
-    """The core of a machine file with its identified tares, or with the data sheet's; what the identified file warns of
-    is repeated, and why a compiled kernel was not taken."""
+    """Return the core of a machine file with its identified tares, or with the data sheet's.
+
+    tell: receives the identified file's warnings, and why the compiled kernel was not used
+    """
     service = loaded.service
     if choice().refused:
         tell(choice().refused)
@@ -127,8 +133,10 @@ def _fitted(loaded: Loaded, tool: str) -> Loaded:
 
 
 def tool_models(loaded: Loaded, tool: str, tares: Tares) -> tuple[Model, Model]:
-    """The models with the standard tool and with another one, both with the friction laws of the tares. Raises
-    ValueError for a tool that is not in the machine file."""
+    """Return the models with the standard tool and with another one, both with the friction laws of the tares.
+
+    Raises ValueError for a tool that is not in the machine file.
+    """
     service, other = loaded.service, loaded.service.fitted(tool)
     return (
         Model(service.machine, service.filters, tares.friction),
@@ -137,7 +145,7 @@ def tool_models(loaded: Loaded, tool: str, tares: Tares) -> tuple[Model, Model]:
 
 
 def check_known_kg(known_kg: float, loaded: Loaded) -> None:
-    """A known weight gives the scale if it is well above the errors and can be lifted. Raises RecordingError."""
+    """Check that a known weight is well above the errors and can be lifted. Raises RecordingError."""
     least, most = (share * loaded.service.machine.rated_payload for share in KNOWN)
     if not least <= known_kg <= most:
         raise RecordingError(
@@ -147,8 +155,10 @@ def check_known_kg(known_kg: float, loaded: Loaded) -> None:
 
 
 def calibrated(loaded: Loaded, found: "Identification", lift: Path, known_kg: float) -> "Identification":
-    """The identification with the scale from a lift of a known weight. Raises RecordingError when the weight is not
-    seen to hang."""
+    """Return the identification with the scale from a lift of a known weight.
+
+    Raises RecordingError when the lift does not contain the weight.
+    """
     from cylforce.commissioning.known_load import with_known_load
 
     try:
@@ -158,7 +168,7 @@ def calibrated(loaded: Loaded, found: "Identification", lift: Path, known_kg: fl
 
 
 def header_of(loaded: Loaded, identified: Path | None, bus: str, kept: Memory = NOTHING_KEPT) -> Header:
-    """What a log of this service begins with when it starts with what was kept from before."""
+    """Return the header of a log of this service, with the values kept from an earlier start."""
     known = {} if kept[1:] == NOTHING_KEPT[1:] else {"kept": packed(kept)}
     return Header(
         versions=running_versions(),
@@ -172,14 +182,17 @@ def header_of(loaded: Loaded, identified: Path | None, bus: str, kept: Memory = 
 
 
 def continued(header: Header, state: State) -> Header:
-    """What a log begins with that continues one with this header, when the service has come to this state."""
+    """Return the header of a log that continues another one, at a state of the service."""
     known = {**state.scale._asdict(), "kept": packed(state.memory), "service": packed(state)}
     return header.model_copy(update={"state": known})
 
 
 def beginning(core: Core, recorded: Header, now: Header, path: Path, tell: Report) -> State:
-    """The service's state at the beginning of a log. A state of other tares or of another version does not fit: then
-    only zero and tare are taken over, the estimators start anew, and `tell` says so."""
+    """Return the service's state at the beginning of a log.
+
+    A state of other tares or another version does not fit: then only zero and tare are used, the estimators restart,
+    and `tell` reports it.
+    """
     said = recorded.state
     known = Memory(Scale(**{name: float(str(said.get(name, 0.0))) for name in Scale._fields}))
     if "kept" in said:

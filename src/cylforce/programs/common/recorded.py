@@ -28,7 +28,13 @@ MOST = 20  # parts of all recordings together, because their rows fill the memor
 
 
 class LookedAt(NamedTuple):
-    """How much of a recording is examined: `seconds` in so many `stretches`, of `of_seconds`."""
+    """Examined share of a recording.
+
+    name:       of the recording
+    seconds:    examined duration [s]
+    of_seconds: duration of the recording [s]
+    stretches:  number of examined stretches
+    """
 
     name: str
     seconds: float
@@ -37,11 +43,11 @@ class LookedAt(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """The parts of some recordings that are examined.
+    """Examined stretches of several recordings.
 
     stretches: the stretches
     looked_at: how much is examined of each recording
-    short:     of each recording without a stretch that is long enough: by its name the reason, "" where unknown
+    short:     reason by name of each recording without a stretch that is long enough; "" where unknown
     """
 
     stretches: list[Recording]
@@ -57,8 +63,11 @@ def chosen(
     most: int = MOST,
     tell: Report = warn,
 ) -> Chosen:
-    """Gapless stretches of recordings that are long enough to be diagnosed, `most` parts at most of all together;
-    `tell` is called with sentences on what was left out."""
+    """Return the gapless stretches of recordings that are long enough for a diagnosis.
+
+    most: largest number of stretches of all recordings
+    tell: receives sentences on excluded stretches
+    """
     rate = loaded.service.filters.rate_hz
     sizes = int(loaded.service.health.hold_s * rate), int(PART_S * rate), int(SHORTEST_S * rate)
     spread, sources, short = Spread(most), [], set(paths)
@@ -85,9 +94,11 @@ def chosen(
 
 
 def at_own_rate(loaded: Loaded, paths: Sequence[Path]) -> tuple[Loaded, str]:
-    """The machine at the rate of the slowest table, if that is below its own, and a sentence on it: what is drawn
-    between the rows of a table has less noise than the sensors, and none that changes as theirs does. A table whose
-    rate the filters do not allow keeps the machine's. Raises RecordingError."""
+    """Return the machine at the rate of the slowest table, if that is below its own, and a sentence on it.
+
+    Samples interpolated between the rows of a table have less noise than the sensors, and it does not change as theirs
+    does. A table whose rate the filters do not allow keeps the machine's. Raises RecordingError.
+    """
     filters = loaded.service.filters
     rates = {path.name: rows_a_second(path, loaded.service, loaded.columns) for path in paths}
     slower = {name: hz for name, hz in rates.items() if filters.slowest_hz < hz < JITTER * filters.rate_hz}
@@ -120,7 +131,7 @@ class _Source:
         return unusable_samples(self.unusable, self.rows, rate_hz) if self.unusable else ""
 
     def pieces(self) -> Iterator[Array]:
-        """Samples (T, S), NaN where something was missing."""
+        """Yield samples (T, S), NaN where a value is missing."""
         recording = open_pieces(self._path, self._loaded.service, self._loaded.columns, report=self._tell)
         for piece in self._logged(recording) if isinstance(recording, Events) else self._tabled(recording):
             self.rows += len(piece)

@@ -11,11 +11,16 @@ from cylforce.signals.estimate import Array, Booking, Estimate
 from cylforce.signals.units import STANDARD_GRAVITY
 from cylforce.simulation.trajectory import Phase
 
-SMALLEST_FORCE = 10e3  # N: below it a relative error says nothing
+SMALLEST_FORCE = 10e3  # N: below it a relative error has no meaning
 
 
 class CycleScore(NamedTuple):
-    """One cycle: what lay in the bucket, what was booked (None: nothing), with which standard error [kg]."""
+    """Score of one cycle.
+
+    true_kg:           load in the bucket [kg]
+    estimated_kg:      booked load [kg]; None: not booked
+    standard_error_kg: standard error of the booking [kg]; None: not booked
+    """
 
     true_kg: float
     estimated_kg: float | None
@@ -23,9 +28,15 @@ class CycleScore(NamedTuple):
 
 
 class ForceScore(NamedTuple):
-    """Tip force while digging, above 10 kN: `rms_n` of the error vector; 95th percentiles of the error vector over
-    the magnitude, of the magnitude's own error over the magnitude, of the angle between the vectors; share of the
-    samples for which a force was published."""
+    """Errors of the tip force while digging, above 10 kN.
+
+    rms_n:             of the error vector [N]
+    p95_relative:      95th percentile of the error vector over the magnitude
+    p95_magnitude:     95th percentile of the magnitude's error over the magnitude
+    p95_direction_deg: 95th percentile of the angle between the vectors [deg]
+    published:         share of the samples with a published force
+    samples:           their number
+    """
 
     rms_n: float
     p95_relative: float
@@ -36,7 +47,7 @@ class ForceScore(NamedTuple):
 
 
 def score_cycles(truth: TruthTable, bookings: Sequence[Booking]) -> list[CycleScore]:
-    """Each booking belongs to the last cycle that began to dump before it."""
+    """Return the score of each cycle; a booking belongs to the last cycle that began to dump before it."""
     cycle, mass = truth.columns["cycle"].astype(int), truth.columns["mass"]
     dumping = truth.columns["phase"] == Phase.DUMP
     starts = {k: int(truth.t_us[dumping & (cycle == k)].min()) for k in np.unique(cycle[dumping]) if k > 0}
@@ -55,15 +66,16 @@ def _cycle(true_kg: float, booking: Booking | None) -> CycleScore:
 
 
 def true_force(truth: TruthTable) -> Array:
-    """The force that the tool felt (T, 2) [N], soil and weight of the material together, through no filter.
+    """Return the force (T, 2) [N] on the tool, soil and weight of the material together, unfiltered.
 
-    Forces on one body have the same resultant wherever they act: reduced to the tooth line they keep it."""
+    Forces on one body have the same resultant wherever they act: reduced to the tooth line they keep it.
+    """
     weight = -truth.columns["mass"] * STANDARD_GRAVITY * np.cos(truth.columns["roll"])
     return np.stack([truth.columns["soil_x"], truth.columns["soil_z"] + weight], axis=-1)
 
 
 def score_force(truth: TruthTable, estimates: Sequence[Estimate]) -> ForceScore:
-    """Estimates are compared with the truth of the moment at which they are published."""
+    """Return the errors of the force, compared with the truth at the time of publication."""
     wanted = true_force(truth)
     row = _nearest(truth.t_us, np.array([e.t_us for e in estimates]))
     digging = (truth.columns["phase"][row] == Phase.DIG) & (np.hypot(*wanted[row].T) > SMALLEST_FORCE)

@@ -1,4 +1,4 @@
-"""Which parts of long recordings are looked at: as many as memory holds, evenly spread."""
+"""Selection of stretches of long recordings: as many as fit into memory, evenly spread."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator
@@ -10,7 +10,12 @@ from cylforce.estimation.segments import Part
 
 
 class Kept(NamedTuple):
-    """A part, the number of its recording, and its own there."""
+    """Selected stretch.
+
+    recording: number of its recording
+    number:    its own number in the recording
+    part:      the stretch
+    """
 
     recording: int
     number: int
@@ -18,9 +23,11 @@ class Kept(NamedTuple):
 
 
 class Spread:
-    """At most `most` parts of several recordings that are read one after the other. Whenever there are more, the
-    recording that has most gives up every second of its parts, and of what follows there only every so many-th is
-    taken; when each has but one left, every second recording goes."""
+    """Selection of at most `most` stretches of several recordings that are read one after the other.
+
+    If there are more, the recording with the most loses every second one. From then on only every second, fourth, ...
+    of its stretches is added. Once each recording has a single one, every second recording is dropped.
+    """
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -29,7 +36,7 @@ class Spread:
         self._recordings = 1  # every so many-th of all
 
     def add(self, kept: Kept) -> None:
-        """The next part; recordings and their parts are counted from 0."""
+        """Add the next stretch; recordings and their stretches are counted from 0."""
         self._kept += [kept] if self._wanted(kept) else []
         while len(self._kept) > self._most:
             longest, count = Counter(k.recording for k in self._kept).most_common(1)[0]
@@ -43,7 +50,7 @@ class Spread:
         return kept.recording % self._recordings == 0 and kept.number % self._parts[kept.recording] == 0
 
     def of(self, recording: int) -> Iterator[Part]:
-        """What is kept of a recording; parts that follow each other are one again."""
+        """Yield the selected stretches of a recording; consecutive ones are joined."""
         held: list[Kept] = []
         for kept in (k for k in self._kept if k.recording == recording):
             if held and not (kept.part.goes_on and kept.number == held[-1].number + 1):

@@ -1,7 +1,8 @@
-"""What was learnt of references, kept from one diagnosis to the next in a folder of the user's cache.
+"""Statistics of references, kept from one diagnosis to the next in a folder of the user's cache.
 
-Learning is half of the work of a diagnosis, and the references of a machine stay the same. A file that is broken, or
-that cannot be written, counts for nothing."""
+Learning takes half of the time of a diagnosis, and the references of a machine stay the same. A file that is broken,
+or that cannot be written, is ignored.
+"""
 
 import os
 import zipfile
@@ -73,7 +74,7 @@ class StatisticsCache:
         return self.folder / f"{key}.npz"
 
     def _shrink(self) -> None:
-        """Drop what was not used for longest, as long as all together is too much."""
+        """Delete the least recently used files while the cache is too large."""
         files = sorted(((p.stat(), p) for p in self.folder.glob("*.npz")), key=lambda each: each[0].st_mtime_ns)
         size = sum(stat.st_size for stat, _ in files)
         for stat, path in files:

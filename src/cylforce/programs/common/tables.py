@@ -27,8 +27,10 @@ def print_table(
 
 
 def fitting(columns: Sequence[Sequence[str]], room: int) -> list[int]:
-    """Widths of columns, each a header and its cells, that together have so much room. First headers are wrapped, then
-    cells: the width is taken from the column that is farthest above its longest word."""
+    """Return the widths of columns, each a header and its cells, that fit into `room` together.
+
+    Headers are wrapped first, then cells. The width is reduced in the column that is farthest above its longest word.
+    """
     widths = [max(map(len, cells)) for cells in columns]
     for least in ([max(_longest(head), *map(len, cells)) for head, *cells in columns], list(map(_word, columns))):
         while sum(widths) > room and widths != least:
@@ -38,7 +40,7 @@ def fitting(columns: Sequence[Sequence[str]], room: int) -> list[int]:
 
 
 def _longest(text: str) -> int:
-    """Length of a text's longest word."""
+    """Return the length of the longest word of a text."""
     return max(map(len, text.split()), default=0)
 
 

@@ -23,7 +23,7 @@ def load_library(path: Path, machine: Machine | None = None) -> tuple[Group, ...
 
     Every class of the file that has an `about` is an effect of its own, with the defaults of its fields. A tuple
     `LIBRARY` of groups in the file is taken instead: for effects with several sizes or several starting values.
-    Where the `machine` is known, every effect is tried on a test motion at all its places.
+    With a `machine`, every effect is tried on a test motion at all its locations.
 
     Raises SettingsError: one sentence with file, class and cure."""
     module = _run(path, _source(path))
@@ -37,14 +37,14 @@ def load_library(path: Path, machine: Machine | None = None) -> tuple[Group, ...
 
 
 def _source(path: Path) -> str:
-    """The text of the file. Raises SettingsError."""
+    """Return the text of the file. Raises SettingsError."""
     if path.suffix != ".py":
         raise SettingsError(f"{path}: does not end in .py: {CURE}")
     return read_text(path, CURE, SettingsError)
 
 
 def _run(path: Path, text: str) -> ModuleType:
-    """The module that the file makes. Raises SettingsError with the line where it fails."""
+    """Return the module that the file makes. Raises SettingsError with the line where it fails."""
     # a name of its own for every text: dataclasses look their module up by it
     name = f"cylforce_library_{sha256(f'{path.resolve()}{text}'.encode()).hexdigest()[:16]}"
     module = ModuleType(name)
@@ -62,7 +62,7 @@ def _run(path: Path, text: str) -> ModuleType:
 
 
 def _groups(path: Path, module: ModuleType) -> tuple[Group, ...]:
-    """The groups of effects of a module: its `LIBRARY`, or one for each class. Raises SettingsError."""
+    """Return the groups of effects of a module: its `LIBRARY`, or one for each class. Raises SettingsError."""
     listed = getattr(module, "LIBRARY", LIBRARY)
     if listed is not LIBRARY:  # else the file has only imported ours
         if not isinstance(listed, tuple) or not listed:
@@ -76,7 +76,7 @@ def _groups(path: Path, module: ModuleType) -> tuple[Group, ...]:
 
 
 def _made(path: Path, effect: type[Fault]) -> Fault:
-    """The effect with the defaults of its fields. Raises SettingsError."""
+    """Return the effect with the defaults of its fields. Raises SettingsError."""
     given: Any = effect
     for field in fields(given) if is_dataclass(given) else ():
         if field.init and field.default is MISSING and field.default_factory is MISSING:

@@ -1,5 +1,7 @@
-"""usual.toml: by how much machines in order differ, between machines, between days, within a day. Written by `cylforce
-fleet`, taken by `cylforce gap --usual` and `cylforce identify --usual` in place of what is stated beforehand."""
+"""usual.toml: spread of healthy machines of a type, between machines, between days, within a day.
+
+`cylforce fleet` writes it. `cylforce gap --usual` and `cylforce identify --usual` use it instead of the stated spread.
+"""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -23,8 +25,12 @@ FORMAT = 1
 
 
 class UsualOfType(NamedTuple):
-    """What is usual of one type, in SI units: see `Usual`; names of the machines that were `left_out` from their change
-    on."""
+    """Usual spread of one type, in SI units.
+
+    quantities: the quantities
+    usual:      their means and spreads (see `Usual`)
+    left_out:   names of machines that are excluded from their change on
+    """
 
     quantities: tuple[Coordinate, ...]
     usual: Usual
@@ -72,7 +78,7 @@ def _table(name: str, said: UsualOfType) -> UsualType:
 
 
 def read_usual(path: Path, machine: Machine) -> dict[str, UsualQuantity]:
-    """What is usual of a machine's type, by name of the quantity. Raises SettingsError."""
+    """Return the usual spread of a machine's type, by name of the quantity. Raises SettingsError."""
     file = read_written(path, UsualFile, "cylforce fleet --usual")
     if file.made.format != FORMAT:
         raise SettingsError(f"{path}: is of format {file.made.format}, this version reads {FORMAT}: make it again")
@@ -84,7 +90,7 @@ def read_usual(path: Path, machine: Machine) -> dict[str, UsualQuantity]:
 
 
 def usual_parameters(path: Path, machine: Machine) -> tuple[tuple[str, float, float], ...]:
-    """What a machine of the type shows on any day: names, means, standard deviations. Raises SettingsError."""
+    """Return names, means and standard deviations of the parameters of a type on any day. Raises SettingsError."""
     each = read_usual(path, machine).values()
     return tuple((q.name, q.mean, float(np.hypot(q.between_machines, q.between_days))) for q in each)
 
@@ -98,7 +104,7 @@ def everyday_of(path: Path | None, machine: Machine) -> Mapping[str, float]:
 
 
 def everyday_from(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:
-    """Everyday differences as the diagnosis takes them: of an effect's least plausible size, by its name."""
+    """Return the run-to-run variation of effects by name, in least plausible sizes."""
     return {name: ratio for name, ratio in _ratios(usual).items() if np.isfinite(ratio)}
 
 
@@ -119,13 +125,15 @@ def _ratios(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:
 
 
 def _rms(usual: Mapping[str, UsualQuantity], *quantities: str) -> float:
-    """Of the differences from day to day of all quantities of a kind; NaN where there is none."""
+    """Return the rms of the differences from day to day of all quantities of a kind; NaN if there is none."""
     return _root_mean_square([q.between_days for name, q in usual.items() if name.rpartition(".")[2] in quantities])
 
 
 def _at_creep(usual: Mapping[str, UsualQuantity]) -> float:
-    """The same of friction at creeping speed. A cylinder's friction level moves it, too, but is not part of the level
-    that the diagnosis knows."""
+    """Return the rms of the differences from day to day of friction at creeping speed.
+
+    The part that follows the cylinder's friction level is added: the diagnosis' level does not include it.
+    """
     found = []
     for name, q in usual.items():
         at, _, law = name.rpartition(".")

@@ -1,4 +1,4 @@
-"""What usual.toml holds: tables and keys."""
+"""Tables and keys of usual.toml."""
 
 from typing import Annotated
 
@@ -15,7 +15,7 @@ class _UsualTable(BaseModel):
 
 
 class UsualMade(_UsualTable):
-    """How the file was made."""
+    """Origin of the file."""
 
     format: int
     date: str

@@ -1,1 +1,1 @@
-"""What `cylforce describe` shows of a machine file: numbers, tables, a drawing, a page."""
+"""Contents of `cylforce describe`: numbers, tables, a drawing, a page."""

@@ -15,10 +15,20 @@ GRID = 25  # postures of each joint for the reach
 
 
 class CylinderNumbers(NamedTuple):
-    """A cylinder and the angle that it sets: `joint` number (from 0) and whether that angle is counted from the
-    `chassis` side of other joints. Of the angle's low end, middle and high end: `angle` [rad], `length` [m] and `lever`
-    d(length)/d(angle) [m/rad], other joints midway. `closed`, `opened` [m]; `left` [m]: stroke left, closed and open,
-    at the worst posture. `push`, `pull` [N m]: torques at PRESSURE in head and in rod chamber."""
+    """Numbers of a cylinder and of the angle that it sets, at that angle's low end, middle and high end.
+
+    name:         of the cylinder
+    joint:        number of the joint, from 0
+    reaches_over: numbers of the other joints that it reaches over, midway in their range
+    angle:        (3,) angle [rad]
+    length:       (3,) length [m]
+    lever:        (3,) d(length)/d(angle) [m/rad]
+    closed:       shortest length [m]
+    opened:       longest length [m]
+    left:         remaining stroke [m], closed and open, at the worst posture
+    push:         (3,) torque at PRESSURE in the head chamber [N m]
+    pull:         (3,) torque at PRESSURE in the rod chamber [N m]
+    """
 
     name: str
     joint: int
@@ -34,7 +44,12 @@ class CylinderNumbers(NamedTuple):
 
 
 class Extent(NamedTuple):
-    """How far the tool comes from the first pin [m]: forward, up and down."""
+    """Reach of the tool from the first pin.
+
+    forward: [m]
+    up:      [m]
+    down:    [m]
+    """
 
     forward: float
     up: float
@@ -42,7 +57,7 @@ class Extent(NamedTuple):
 
 
 def set_ranges(machine: Machine) -> Array:
-    """Range (N, 2) [rad] of each angle of `drive`, from the joints' angle ranges."""
+    """Return the range (N, 2) [rad] of each angle of `drive`, from the joints' angle ranges."""
     found = np.array([(link.angle_low, link.angle_high) for link in machine.links])
     for c, span in enumerate(machine.spans):
         u = drive_angles(machine, range_postures(machine, c))[:, max(span)]
@@ -51,7 +66,7 @@ def set_ranges(machine: Machine) -> Array:
 
 
 def cylinder_numbers(machine: Machine) -> tuple[CylinderNumbers, ...]:
-    """Of every cylinder."""
+    """Return the numbers of every cylinder."""
     return tuple(_numbers(machine, c) for c in range(len(machine.cylinders)))
 
 
@@ -79,20 +94,20 @@ def _numbers(machine: Machine, c: int) -> CylinderNumbers:
 
 
 def postures(machine: Machine) -> Array:
-    """Joint angles (3, N) [rad] at the low ends, the middles and the high ends of all ranges."""
+    """Return the joint angles (3, N) [rad] at the low ends, the middles and the high ends of all ranges."""
     low, high = set_ranges(machine).T
     return joint_angles(machine, np.array([low, (low + high) / 2.0, high]))
 
 
 def extent(machine: Machine) -> Extent:
-    """Over all joint ranges, chassis level; without regard to the ground."""
+    """Return the reach over all joint ranges, with a level chassis and without regard to the ground."""
     grids = (np.linspace(low, high, GRID) for low, high in set_ranges(machine))
     places = machine.tool_point(joint_angles(machine, np.array(list(product(*grids))))).place
     return Extent(float(places.real.max()), float(places.imag.max()), -float(places.imag.min()))
 
 
 def pin_heights(machine: Machine) -> tuple[float, float]:
-    """Lowest and highest place [m] of the last link's pin above the first pin, chassis level."""
+    """Return the lowest and highest position [m] of the last link's pin above the first pin, chassis level."""
     grids = (np.linspace(low, high, GRID) for low, high in set_ranges(machine))
     heights = machine.pose(joint_angles(machine, np.array(list(product(*grids))))).origin[..., -1].imag
     return float(heights.min()), float(heights.max())

@@ -1,5 +1,7 @@
-"""The arm with every pin in three postures, as SVG that needs nothing but itself: a picture, a part of a page, or a
-sheet to take to the machine."""
+"""Drawing of the arm with every pin in three postures, as self-contained SVG.
+
+It is a picture, part of a page, or a sheet to take to the machine.
+"""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -22,7 +24,7 @@ AROUND = [complex(*z) for z in ((1, 1), (-1, 1), (1, -1), (-1, -1), (1.5, 0), (-
 
 
 def drawing(machine: Machine) -> str:
-    """The SVG."""
+    """Return the SVG."""
     seen = [outline(machine, theta) for theta in postures(machine)]
     boxes = [_box(each) for each in seen]
     scale = PANEL / max(*(b[1] - b[0] for b in boxes), *(b[3] - b[2] for b in boxes))
@@ -55,7 +57,7 @@ def _panel(
     left, height = corner
 
     def on(z: Place) -> Place:
-        """Where a place is on the sheet, y downwards."""
+        """Return a position on the sheet, y downwards."""
         x = left + MARGIN + scale * (z.real - box[0])
         return complex(x, height - MARGIN - scale * (z.imag - box[2]))
 
@@ -75,12 +77,12 @@ def _panel(
 
 
 def _closed(places: Sequence[Place]) -> bool:
-    """Whether all are known: not where a linkage cannot be closed."""
+    """Return whether all positions are finite; they are not where a linkage cannot be closed."""
     return all(isfinite(abs(z)) for z in places)
 
 
 def _marks(pins: Sequence[Place]) -> Iterable[str]:
-    """Each pin as a ring, its number beside it where most room is."""
+    """Yield each pin as a ring with its number on the side with the most room."""
     taken = [pin for pin in pins if _closed([pin])]
     for number, pin in [(k, pin) for k, pin in enumerate(pins, 1) if _closed([pin])]:
         best = max(AROUND, key=lambda d: min(abs(pin + LABEL * d - z) for z in taken if z != pin))
@@ -117,7 +119,7 @@ def _scale_bar(scale: float, height: float) -> Iterable[str]:
 
 
 def _entry(k: int, pin: NamedPin, machine: Machine, rows: int, height: float, width: float) -> Iterable[str]:
-    """A line of the legend: number, name, and where in which body's frame [m]."""
+    """Yield a line of the legend: number, name, body and position in its frame [m]."""
     x, y = GAP + (k // rows) * (width - 2.0 * GAP) / 3.0, height + 52.0 + (k % rows) * LINE
     names = [link.name for link in machine.links]
     colour = BODIES[names.index(pin.body) % len(BODIES)] if pin.body in names else PALE

@@ -18,7 +18,7 @@ th { color: #7b8794; font-weight: normal } .warning { color: #c22f2f } .note { c
 
 
 def page(loaded: Loaded, shown: Sequence[TextTable], warnings: Sequence[str]) -> str:
-    """The HTML: warnings, drawing, tables."""
+    """Return the HTML: warnings, drawing, tables."""
     name = escape(loaded.service.machine.name)
     origin = f"{loaded.path.name}, SHA-256 {loaded.sha256[:16]}..., cylforce {cylforce.__version__}"
     parts = [

@@ -16,7 +16,13 @@ from cylforce.signals.units import BAR
 
 
 class TextTable(NamedTuple):
-    """A table: what it shows, the columns' heads, rows of as many texts; notes below it."""
+    """Table of texts.
+
+    title: its content
+    head:  heads of the columns
+    rows:  rows of as many texts
+    notes: notes below it
+    """
 
     title: str
     head: Sequence[str]
@@ -25,7 +31,7 @@ class TextTable(NamedTuple):
 
 
 def tables(service: Service) -> tuple[TextTable, ...]:
-    """All tables of a machine file."""
+    """Return all tables of a machine file."""
     machine = service.machine
     cylinders = cylinder_numbers(machine)
     return (
@@ -39,7 +45,7 @@ def tables(service: Service) -> tuple[TextTable, ...]:
 
 
 def as_text(table: TextTable) -> str:
-    """A table as text; first column to the left, the others to the right when they are numbers."""
+    """Return a table as text; the first column is aligned left, other columns right if they are numbers."""
     lines = [table.head, *table.rows]
     widths = [max(len(line[k]) for line in lines) for k in range(len(table.head))]
     right = [k > 0 and all(_is_number(row[k]) for row in table.rows) for k in range(len(table.head))]
@@ -82,7 +88,7 @@ def _links(machine: Machine) -> TextTable:
 
 
 def _ends_passed(machine: Machine) -> Iterator[str]:
-    """Angle sensors that pass the end of their circle."""
+    """Yield sentences on angle sensors that pass the end of their circle."""
     for passed in ends_passed(machine):
         signal = machine.signals[passed.signal]
         link = machine.links[signal.index].name
@@ -191,8 +197,10 @@ def _traffic_rows(service: Service) -> Iterator[tuple[str, ...]]:
 
 
 def warnings(service: Service) -> list[str]:
-    """Cylinders that are too short or too long for their joint's angle range, and of which the file's own checks say
-    nothing: because it is little, or because the cylinder reaches over several joints."""
+    """Return sentences on cylinders that are slightly too short or too long for their joint's angle range.
+
+    The checks of the machine file do not cover them: the error is small, or the cylinder reaches over several joints.
+    """
     found = []
     for c in cylinder_numbers(service.machine):
         link = service.machine.links[c.joint].name

@@ -1,1 +1,1 @@
-"""Which motion to record next: a catalogue of motions, and how well each separates the possible causes."""
+"""Choice of the motion to record next: a catalogue of motions, and their separation of the possible causes."""

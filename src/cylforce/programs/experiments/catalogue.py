@@ -1,4 +1,4 @@
-"""Motions that an operator can make, as scenes of the simulated machine, with the words that ask for them."""
+"""Motions that an operator can make, as scenes of the simulated machine with their instructions."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -36,13 +36,13 @@ STAIRS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.7, 0.5, 0.3)  # of the working range, up an
 
 @dataclass(frozen=True)
 class RecommendedMotion:
-    """A motion that can be recorded.
+    """Motion that can be recorded.
 
-    words:    that ask for it
+    words:    instruction to the operator
     scene:    its strokes
     load_kg:  known load in the bucket [kg]; 0: empty
     pitch:    pitch of the ground [rad]
-    worked_s: for how long the machine has worked before [s]
+    worked_s: duration of work before the motion [s]
     """
 
     words: str

@@ -1,9 +1,10 @@
-"""How well a motion separates the causes that are still possible: expected information (ASID, arXiv 2404.12308).
+"""Separation of the causes that are still possible by a motion: expected information (ASID, arXiv 2404.12308).
 
-Cause a with sizes s_a adds X_a s_a to the torques. Another cause b with free sizes, and the machine's parameters as far
-as they are uncertain, reproduce a part of it. The remainder, squared and in units of noise and discrepancy, is the
-distance D_ab. Two causes are then confused with at most the probability sqrt(p_a p_b) exp(-D_ab / 8) (Bhattacharyya).
-The information of a recording is -8 log of the sum over all causes that may be confused with the likeliest one."""
+Cause a with sizes s_a adds X_a s_a to the torques. Another cause b with free sizes, and the uncertain parameters of the
+machine, reproduce some of it. The remainder, squared and in units of noise and discrepancy, is the distance D_ab. The
+probability that two causes are confused is at most sqrt(p_a p_b) exp(-D_ab / 8) (Bhattacharyya). The information of a
+recording is -8 log of the sum over all causes that may be confused with the likeliest one.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,9 +35,9 @@ LONGEST = (TOGETHER_S + STAIRS_S) / SECONDS  # times a motion of the catalogue: 
 
 @dataclass(frozen=True)
 class RivalCause:
-    """A cause that is still possible.
+    """Cause that is still possible.
 
-    key:         name and place
+    key:         name and location
     probability: posterior
     proposal:    the effect; None: the machine is healthy
     sizes:       (M,) its most probable sizes [SI]; (0,) without an effect
@@ -64,7 +65,7 @@ class MotionAdvice:
 
 @dataclass(frozen=True)
 class MotionPlan:
-    """What to record next.
+    """Plan of the next recordings.
 
     advice:      motions, the best one first; empty where nothing is open, or no motion of the catalogue helps
     inseparable: causes, the likeliest one first, that no motion of the catalogue separates; empty if there are none
@@ -100,7 +101,7 @@ def _simplest(evidence: HypothesisEvidence, key: Key) -> Candidate | None:
 
 
 def _of_candidate(candidate: Candidate, key: Key) -> tuple[Proposal, Array]:
-    """Return the effect of a hypothesis with this name and place, and its sizes (M,) [SI]."""
+    """Return the effect of a hypothesis with this name and location, and its sizes (M,) [SI]."""
     question, hypothesis = candidate.question, candidate.hypothesis
     ends = np.cumsum([0, *(len(question.forms[form].columns) for form in hypothesis.forms)]).tolist()
     for form, (first, last) in zip(hypothesis.forms, pairwise(ends), strict=True):
@@ -171,7 +172,7 @@ class Separation:
         return draw_truth(machine, np.random.default_rng(0), 0.0)._replace(pitch=0.0, roll=0.0)
 
     def _marginal(self, recording: Recording) -> Array:
-        """Return the information (K, K) of a recording, the machine's parameters and where its load hangs unknown.
+        """Return the information (K, K) of a recording, the machine's parameters and its load's centre unknown.
 
         S = I_ss - I_sg (I_gg + C^-1)^-1 I_gs, s the sizes, g the parameters.
         """
@@ -206,7 +207,7 @@ class Separation:
         return self.strength * (self._remainder(sizes, i, j) + self._remainder(sizes, j, i)) / 2.0
 
     def _remainder(self, information: Array, i: int, j: int) -> float:
-        """Return the squared part of cause i's signature that cause j does not reproduce."""
+        """Return the square of the signature of cause i that cause j does not reproduce."""
         a, b = self._own[i], self._own[j]
         sizes = self.rivals[i].sizes / self.unit[a]
         across = information[np.ix_(b, a)] @ sizes
@@ -226,7 +227,9 @@ class Separation:
 
 
 def planned(evidence: HypothesisEvidence) -> MotionPlan:
-    """Return the motions that separate the causes that are still possible best, and what no motion separates."""
+    """Return the motions that best separate the causes that are still possible, and the causes that no motion
+    separates.
+    """
     question = evidence.found.question
     stop, open_causes = evidence.found.work is not None, rivals(evidence)
     if len(open_causes) < 2:

@@ -1,4 +1,4 @@
-"""From what each recording tells to machines and types: order in time, contradictions, and what the fleet says."""
+"""Analysis of a fleet from the evidence of its recordings: types, order in time, contradictions, changes."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,12 @@ DAY_S = 86400.0
 
 
 class Ordered(NamedTuple):
-    """Recordings of a machine that tell something of it, in order of time."""
+    """Recordings of a machine with evidence, in order of time.
+
+    machine:    its name
+    recordings: the recordings
+    dated:      whether they have dates
+    """
 
     machine: str
     recordings: tuple[Gathered, ...]
@@ -25,7 +30,13 @@ class Ordered(NamedTuple):
 
 
 class OfType(NamedTuple):
-    """One type of machine: its name in the machine file, its model, its machines by name, and what the fleet says."""
+    """Machines of one type.
+
+    name:     of the type in the machine file
+    model:    model of the first machine file
+    machines: recordings by name of the machine
+    fleet:    result of the analysis
+    """
 
     name: str
     model: Model
@@ -33,19 +44,23 @@ class OfType(NamedTuple):
     fleet: Fleet
 
     def told(self, machine: str) -> MachineResult:
-        """What is told of a machine."""
+        """Return the result of a machine."""
         return self.fleet.machines[machine]
 
 
 class Analysis(NamedTuple):
-    """All types, and sentences about recordings by address: why one is not used, or what to correct."""
+    """Analysis of all types.
+
+    types: the types
+    notes: sentences by address of a recording: why it is not used, or its cure
+    """
 
     types: tuple[OfType, ...]
     notes: Mapping[str, str]
 
 
 def analysed(gathered: Sequence[Gathered]) -> Analysis:
-    """The fleet of each type."""
+    """Return the analysis of the fleet of each type."""
     notes: dict[str, str] = {}
     groups: dict[str, dict[str, list[Gathered]]] = {}
     parts = _Parts()
@@ -70,7 +85,7 @@ def analysed(gathered: Sequence[Gathered]) -> Analysis:
 
 
 def _most(gathered: Sequence[Gathered], parts: "_Parts") -> dict[str, Gathered]:
-    """Of each type's name the first recording with the parts that most of its recordings have."""
+    """Return the first recording of each type, by name, among those with its most frequent parts."""
     found: dict[str, dict[tuple[str, ...], list[Gathered]]] = {}
     for each in gathered:
         if each.loaded is not None:
@@ -95,7 +110,7 @@ def _types(
 
 
 class _Parts(dict[str, tuple[str, ...]]):
-    """Names of what is followed, by hash of the machine file: the same for many recordings."""
+    """Cache of the names of a machine's parts, by hash of the machine file, which many recordings share."""
 
     def of(self, each: Gathered) -> tuple[str, ...]:
         loaded = each.machine_file
@@ -105,7 +120,7 @@ class _Parts(dict[str, tuple[str, ...]]):
 
 
 def _ordered(name: str, recordings: Sequence[Gathered], notes: dict[str, str]) -> Ordered:
-    """In order of time; among dated recordings one without a date has no place."""
+    """Return the recordings in order of time; among dated recordings one without a date is excluded."""
     dated = [each for each in recordings if each.made]
     if not dated:
         return Ordered(name, tuple(sorted(recordings, key=lambda each: each.stored.name)), dated=False)
@@ -126,7 +141,7 @@ def _ordered(name: str, recordings: Sequence[Gathered], notes: dict[str, str]) -
 
 
 def dated(ordered: Ordered) -> list[Dated]:
-    """Recordings with their times [d]; without dates one a day."""
+    """Return recordings with their times [d]; without dates one a day."""
     found = []
     for k, each in enumerate(ordered.recordings):
         t = datetime.fromisoformat(each.made).timestamp() / DAY_S if ordered.dated else float(k)

@@ -1,4 +1,4 @@
-"""Weights of the recordings at work, by the parameters of the machine as it was known before."""
+"""Weights of working recordings, with the parameters of the machine from its earlier recordings."""
 
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
@@ -14,7 +14,7 @@ from cylforce.programs.fleet.workers import Say, Where, computed
 def bookings(
     gathered: Sequence[Gathered], kept: KeptResults, where: Where, watch: Watch, say: Say
 ) -> Mapping[str, Booked]:
-    """The weights by address. Those of a recording that was played with these parameters before are known."""
+    """Return the weights by address; recordings that were already played with these parameters are not played again."""
     found, jobs, keys = dict[str, Booked](), list[tuple[Job, Tares]](), dict[str, str]()
     for each in gathered:
         if each.outcome.facts["state"] != WORK or each.loaded is None:
@@ -47,7 +47,7 @@ def bookings(
 
 
 def _tares(each: Gathered, gathered: Sequence[Gathered]) -> Tares | None:
-    """Of the same machine and machine file: the latest earlier ones, else the first later ones."""
+    """Return the latest earlier tares of the same machine and machine file, else the first later ones."""
     own = [
         g
         for g in gathered

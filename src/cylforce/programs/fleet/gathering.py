@@ -1,4 +1,4 @@
-"""All recordings of a fleet with what each tells: from earlier runs, or computed now."""
+"""Recordings of a fleet with the evidence of each: from earlier runs, or computed now."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,11 +18,16 @@ from cylforce.settings.error import SettingsError
 from cylforce.settings.machine_file import Loaded
 
 FLUSH_S = 10.0  # after which the results so far can be read
-ABSOLUTE_S = 946_684_800.0  # 2000-01-01: a clock that says less counts from the start of the recording
+ABSOLUTE_S = 946_684_800.0  # 2000-01-01: a clock with an earlier time counts from the start of the recording
 
 
 class Gathered(NamedTuple):
-    """A recording and what it tells; `loaded`: its machine file, None where that cannot be used."""
+    """Recording with its result.
+
+    stored:  the recording
+    outcome: its result
+    loaded:  its machine file; None where that cannot be used
+    """
 
     stored: Stored
     outcome: Summary
@@ -37,14 +42,14 @@ class Gathered(NamedTuple):
 
     @property
     def evidence(self) -> Evidence:
-        """What a recording of the empty machine tells. Raises ValueError for another."""
+        """Evidence of a recording of the empty machine. Raises ValueError for another."""
         if self.outcome.told is None:
             raise ValueError(f"{self.stored.address}: tells nothing of its machine")
         return self.outcome.told
 
     @property
     def made(self) -> str:
-        """When it was made: by its name, else by its own clock, if that is set."""
+        """Time of the recording: by its name, else by its own clock, if that is set."""
         begins = float(self.outcome.facts.get("begins_s", 0.0))
         if self.stored.made or begins < ABSOLUTE_S:
             return self.stored.made
@@ -56,7 +61,15 @@ Flush = Callable[[Sequence[Gathered]], None]
 
 @dataclass
 class FleetReading:
-    """The recordings of a fleet, gathered."""
+    """Reading of the recordings of a fleet.
+
+    found: the recordings
+    kept:  results of earlier runs
+    where: where the work is done
+    watch: receives the progress
+    say:   receives sentences
+    flush: receives the results so far, from time to time
+    """
 
     found: Sequence[Stored]
     kept: KeptResults
@@ -69,7 +82,10 @@ class FleetReading:
     _flushed: float = 0.0
 
     def gathered(self) -> list[Gathered]:
-        """All of them, in order of machine and time. What came out is kept, and can be read, as it comes."""
+        """Return all recordings with their results, in order of machine and time.
+
+        Each result is kept, and can be read, as soon as it is computed.
+        """
         self._flushed = monotonic()
         self._read_machine_files()
         jobs = [Job(s.address, s.machine_file, self._texts[s.machine_file]) for s in self.found if self._to_do(s)]
@@ -84,7 +100,7 @@ class FleetReading:
         return self.so_far()
 
     def so_far(self) -> list[Gathered]:
-        """What is known by now."""
+        """Return the recordings with a result."""
         each = [(s, self._outcomes[s.address]) for s in self.found if s.address in self._outcomes]
         return [Gathered(s, outcome, self._loaded(s.machine_file)) for s, outcome in each]
 
@@ -116,7 +132,7 @@ class FleetReading:
         self._outcomes[job.address] = came
 
     def _to_do(self, stored: Stored) -> bool:
-        """Whether a recording has to be looked at; if not, its outcome is there."""
+        """Return whether a recording has to be read; else store its outcome."""
         reason = stored.doubt or self._refused.get(stored.machine_file, "")
         if reason:
             self._outcomes[stored.address] = Summary(_facts(FAILED, reason))
@@ -160,5 +176,5 @@ def _ended(error: BaseException) -> str:
 
 
 def is_table(stored: Stored) -> bool:
-    """Whether a recording is a table, which has no clock of its own."""
+    """Return whether a recording is a table, which has no clock of its own."""
     return any(stored.name.lower().endswith(suffix) for suffix in TABLES)

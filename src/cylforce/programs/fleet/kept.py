@@ -1,8 +1,9 @@
-"""Results of earlier runs, one file each in the user's cache folder: a second run does only what is new, and a run that
-was killed goes on. A file that is broken counts for nothing.
+"""Results of earlier runs, one file each in the user's cache folder.
 
-A file is a line of JSON (facts, names and shapes of the arrays, their checksum), then the arrays as they are in memory:
-a thousand of them are read in a fraction of a second."""
+A second run computes only new results, and a run that was killed continues. A file that is broken is ignored. A file is
+a line of JSON (facts, names and shapes of the arrays, their checksum), then the arrays as in memory. A thousand of them
+are read in a fraction of a second.
+"""
 
 import json
 import os
@@ -26,14 +27,18 @@ NUMBER, WHOLE = "<f8", 8  # bytes of a number, of which the arrays' place is a m
 
 
 def fleet_cache_folder() -> Path | None:
-    """$XDG_CACHE_HOME/cylforce/fleet, by default below ~/.cache; None without a home."""
+    """Return $XDG_CACHE_HOME/cylforce/fleet, by default below ~/.cache; None without a home."""
     rows = cache_folder()
     return None if rows is None else rows.with_name("fleet")
 
 
 @dataclass
 class KeptResults:
-    """Results in one folder (None: nothing is kept), and the contents' hashes by address and stamp."""
+    """Results in one folder.
+
+    folder: the folder; None: nothing is kept
+    stamps: stamp and hash of the content, by address
+    """
 
     folder: Path | None
     stamps: dict[str, list[str]] = field(default_factory=dict)
@@ -44,16 +49,16 @@ class KeptResults:
                 self.stamps = json.loads((self.folder / STAMPS).read_text(encoding="utf-8"))
 
     def keys(self) -> frozenset[str]:
-        """Keys of all that is kept."""
+        """Return the keys of all results."""
         return frozenset(p.stem for p in self.folder.glob(f"*{SUFFIX}")) if self.folder is not None else frozenset()
 
     def sha256(self, address: str, stamp: str) -> str | None:
-        """The content's hash, if a file with that stamp was read before."""
+        """Return the content's hash, if a file with that stamp was read before."""
         said = self.stamps.get(address)
         return said[1] if said and said[0] == stamp and stamp else None
 
     def get(self, key: str) -> Summary | None:
-        """A result, if it is there and whole."""
+        """Return a result; None if it is missing or broken."""
         if self.folder is None:
             return None
         try:
@@ -85,7 +90,7 @@ class KeptResults:
 
 
 def packed(outcome: Summary) -> bytes:
-    """A result as it is kept."""
+    """Return a result as the bytes of its file."""
     said: dict[str, Any] = {"facts": outcome.facts}
     arrays: list[Array] = []
     for name, part in (("told", outcome.told), ("tares", outcome.tares)):
@@ -100,7 +105,7 @@ def packed(outcome: Summary) -> bytes:
 
 
 def unpacked(content: bytes) -> Summary:
-    """A result from `packed`. Raises ValueError, KeyError or TypeError for what is none, or not whole."""
+    """Return a result from `packed`. Raises ValueError, KeyError or TypeError for other or incomplete bytes."""
     begins = content.index(b"\n") + 1
     said = json.loads(content[:begins])
     if zlib.crc32(memoryview(content)[begins:]) != said["crc32"]:

@@ -1,4 +1,4 @@
-"""The pages: the fleet at a glance, what is usual for each type, one page a machine; files without a server."""
+"""Pages of a fleet: an overview, the usual spread of each type, one page a machine; files without a server."""
 
 import re
 import shlex
@@ -27,8 +27,10 @@ KNOWN = 0.5  # of the spread between machines: a quantity whose error is larger 
 
 
 def write_pages(path: Path, result: FleetResult, usual: Path | None) -> None:
-    """The fleet's page at `path`, machines' pages in a folder beside it; `usual`: where what is usual was written.
-    Raises RecordingError."""
+    """Write the fleet's page at `path` and the machines' pages into a folder beside it. Raises RecordingError.
+
+    usual: file of the usual spread
+    """
     folder = path.with_name(f"{path.stem}_machines")
     folder.mkdir(exist_ok=True)
     made = templates(__package__)
@@ -49,7 +51,7 @@ def write_pages(path: Path, result: FleetResult, usual: Path | None) -> None:
 
 
 def _silent(result: FleetResult, shown: set[str]) -> dict[str, list[str]]:
-    """Why nothing can be told of a machine that has no page: what its recordings' rows say, each reason once."""
+    """Return the reasons, each once, of machines without a page, from the rows of their recordings."""
     found: dict[str, list[str]] = {}
     for row in result.rows:
         if row["machine"] not in shown:
@@ -66,8 +68,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def files_of(machines: Sequence[str]) -> dict[str, str]:
-    """The name of each machine's page: with a number where two would be the same, on a system that does not tell
-    capitals either."""
+    """Return the name of each machine's page, unique even where a system ignores case."""
     found, taken = dict[str, str](), set[str]()
     for machine in sorted(machines):
         safe, number = re.sub(r"[^\w.-]", "_", machine), 1
@@ -123,7 +124,9 @@ def _machine(result: FleetResult, kind: OfType, ordered: Ordered, usual: Path | 
 
 
 def _severity(lasting: Sequence[FleetChange], changes: Sequence[FleetChange], course: Course) -> float:
-    """Lasting changes first, the larger beyond its error the higher; then single days; then the latest difference."""
+    """Return the rank of a machine: lasting changes by size over error, then single days, then the latest
+    difference.
+    """
     sizes = [abs(c.altered.size) / max(c.altered.error, 1e-30) for c in lasting]
     return 1e3 * len(lasting) + min(max(sizes, default=0.0), 900.0) + 10.0 * bool(changes) + _last(course.from_past)
 
@@ -140,28 +143,30 @@ def _times(ordered: Ordered, count: int) -> Array:
 
 
 def _spark(kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange]) -> Markup:
-    """The course of what changed; without a change, of the difference from the machine's past."""
+    """Return the course of the changed quantity; without a change, of the difference from the machine's past."""
     k = _column(kind.fleet.quantities, lasting[0].altered) if lasting else None
     y = np.nan_to_num(course.from_past, nan=1.0) if k is None else course.own[:, k]
     return spark_svg(Curve(t, y, np.zeros_like(y), (0.0, 0.0)))
 
 
 def _column(quantities: Sequence[Coordinate], altered: MachineChange) -> int | None:
-    """The quantity that shows a change best."""
+    """Return the quantity that shows a change best."""
     named = {FRICTION: RUBBING[0], DRY: RUBBING[0], MASS: "X", ANGLE: OFFSET}
     wanted = f"{altered.at}.{named.get(altered.name, ZERO)}"
     return next((k for k, c in enumerate(quantities) if c.name == wanted), None)
 
 
 def _ends(ordered: Ordered, count: int) -> tuple[str, str]:
-    """What the first and the last of the latest recordings are called."""
+    """Return the names of the first and the last of the latest recordings."""
     names = [each.made[:10] if ordered.dated else each.stored.name for each in ordered.recordings[-count:]]
     return names[0], names[-1]
 
 
 def everyday(kind: OfType) -> tuple[Array, Array]:
-    """Standard deviations (K,) of what is followed, from day to day and within a day: each quantity's own and what
-    moves several of them together."""
+    """Return standard deviations (K,) of all quantities, from day to day and within a day.
+
+    They include each quantity's own variation and that of several quantities together.
+    """
     usual, size = kind.fleet.usual, len(kind.fleet.quantities)
     squares = np.column_stack([np.eye(size), joint_directions(kind.model, usual.mean[:size])]) ** 2
     return np.sqrt(squares @ usual.days**2), np.sqrt(squares @ usual.within**2)
@@ -170,7 +175,7 @@ def everyday(kind: OfType) -> tuple[Array, Array]:
 def _courses(
     kind: OfType, course: Course, t: Array, lasting: Sequence[FleetChange], ends: tuple[str, str]
 ) -> list[dict[str, Any]]:
-    """What changed first."""
+    """Return the courses of all quantities, those that changed first."""
     usual, found, (daily, _) = kind.fleet.usual, [], everyday(kind)
     first = {_column(kind.fleet.quantities, c.altered) for c in lasting}
     marks = [float((t[c.altered.first - 1] + t[c.altered.first]) / 2.0) for c in lasting if c.altered.first > 0]
@@ -187,7 +192,7 @@ def _courses(
 
 
 def _command(ordered: Ordered, first: int, usual: Path | None) -> str:
-    """How to ask for the whole diagnosis."""
+    """Return the command of a whole diagnosis."""
     before, after = ordered.recordings[:first], ordered.recordings[first:]
     words = ["cylforce", "gap", before[0].stored.machine_file, *(each.stored.address for each in after[:3])]
     for each in before[-3:]:

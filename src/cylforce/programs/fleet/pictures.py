@@ -33,9 +33,16 @@ WORDS = {
 
 
 class Curve(NamedTuple):
-    """n values `y` with standard errors `error` at times `t` [d]; `usual`: mean and standard deviation of the type;
-    `marks`: times at which something changed; `ends`: what the first and the last time are called; `daily`: standard
-    deviation from day to day of a machine in order."""
+    """Course of a quantity, n values.
+
+    t:     times [d]
+    y:     values
+    error: standard errors
+    usual: mean and standard deviation of the type
+    marks: times of changes
+    ends:  names of the first and the last time
+    daily: standard deviation from day to day of a healthy machine
+    """
 
     t: Array
     y: Array
@@ -47,12 +54,12 @@ class Curve(NamedTuple):
 
 
 def factor_of(quantity: Coordinate) -> tuple[float, str]:
-    """By what an SI value is multiplied to be shown, and the unit then."""
+    """Return the factor on an SI value that is shown, and its unit."""
     return SHOWN.get(quantity.unit, (1.0, quantity.unit))
 
 
 def title_of(quantity: Coordinate) -> str:
-    """The quantity in words, with its unit."""
+    """Return the quantity in words, with its unit."""
     return f"{quantity.at}: {WORDS.get(quantity.quantity, quantity.quantity)} [{factor_of(quantity)[1]}]"
 
 
@@ -67,8 +74,10 @@ def _range(curve: Curve) -> tuple[float, float]:
 
 
 def course_svg(title: str, curve: Curve) -> Markup:
-    """Values with error bars over time, the type's usual range behind them, changes as lines; a bar at the left for
-    the usual difference from day to day."""
+    """Return values with error bars over time.
+
+    The type's usual range is behind them, changes are lines, a bar at the left is the usual difference from day to day.
+    """
     low, high = _range(curve)
     first, last = float(curve.t[0]), float(max(curve.t[-1], curve.t[0] + 1e-9))
     x = _scaled(curve.t, first, last, LEFT + EDGE, WIDE - EDGE)
@@ -96,7 +105,7 @@ def course_svg(title: str, curve: Curve) -> Markup:
 
 
 def _number(value: float) -> str:
-    """Short, without a power of ten as long as it fits."""
+    """Return a short text of a number, without a power of ten as long as it fits."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
 
 
@@ -105,7 +114,7 @@ def _with_errors(curve: Curve) -> tuple[Array, Array, Array]:
 
 
 def spark_svg(curve: Curve) -> Markup:
-    """The same within a line of text."""
+    """Return a course small enough for a line of text."""
     wide, high = SPARK
     low, most = _range(curve)
     x = _scaled(curve.t, float(curve.t[0]), float(max(curve.t[-1], curve.t[0] + 1e-9)), 3.0, wide - 3.0)
@@ -119,8 +128,10 @@ def spark_svg(curve: Curve) -> Markup:
 
 
 def spread_svg(title: str, values: Array, usual: tuple[float, float, float], far: Sequence[bool]) -> Markup:
-    """Machines of a type along a line, the usual range between machines and from day to day; `far`: those that
-    changed."""
+    """Return machines of a type along a line, with the usual range between machines and from day to day.
+
+    far: whether each machine changed
+    """
     mean, between, days = usual
     low = float(min(np.min(values), mean - 2.0 * between))
     high = float(max(np.max(values), mean + 2.0 * between))

@@ -1,4 +1,4 @@
-"""What a run of `cylforce fleet` found."""
+"""Result of a run of `cylforce fleet`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -9,7 +9,14 @@ from cylforce.programs.fleet.gathering import Gathered
 
 
 class FleetChange(NamedTuple):
-    """A change of a machine, with its dates and in words."""
+    """Change of a machine.
+
+    machine: its name
+    altered: the change
+    date:    date of the first recording with it
+    before:  date of the recording before
+    words:   a sentence
+    """
 
     machine: str
     altered: MachineChange
@@ -19,7 +26,14 @@ class FleetChange(NamedTuple):
 
 
 class FleetResult(NamedTuple):
-    """All that came out; `rows`: the table; `notes`: sentences about the whole."""
+    """Result of a run.
+
+    gathered: recordings with their results
+    analysis: of all types
+    changes:  of all machines
+    rows:     of the table
+    notes:    sentences about the whole
+    """
 
     gathered: Sequence[Gathered]
     analysis: Analysis

@@ -39,8 +39,11 @@ def _column(pa: Any, values: list[Any]) -> Any:  # noqa: ANN401 - pyarrow has no
 
 
 def course_rows(quantities: Sequence[Coordinate], course: Course) -> list[dict[str, Any]]:
-    """What the course says of each recording: of each quantity its value by this recording (`own:`), with the machine's
-    earlier ones as prior (`value:`), each with its standard error, and what the earlier ones alone let expect."""
+    """Return the course of the quantities as a row for each recording.
+
+    `own:` is the value from this recording alone, `value:` with the machine's earlier ones as prior, `expected:` from
+    the earlier ones alone. The first two have standard errors.
+    """
     ways = ("value", "error", "own", "own_error", "expected")
     names = ["gap_past", "gap_type", *(f"{way}:{c.name}" for c in quantities for way in ways)]
     values = np.stack([getattr(course, way) for way in ways], axis=-1).reshape(len(course.own), -1)

@@ -1,4 +1,6 @@
-"""`cylforce fleet`: every recording once, then what the fleet says; written as table, usual spread and pages."""
+"""`cylforce fleet`: every recording is read once, then the fleet is analysed; written as table, usual spread
+and pages.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,12 +23,19 @@ from cylforce.programs.fleet.task import FAILED, WORK, Booked
 from cylforce.programs.fleet.words import told
 from cylforce.programs.fleet.workers import Say, Where
 
-MOST_TOLD = 20  # recordings that are told on the terminal; all are in the table
+MOST_TOLD = 20  # recordings that are reported on the terminal; all are in the table
 
 
 class Wanted(NamedTuple):
-    """What is asked: where the recordings are, the table to write, the file of what is usual and the page, if they are
-    wanted; where results of earlier runs are kept (None: nowhere); whether weights of work are booked."""
+    """Inputs and outputs of a run.
+
+    recordings: addresses of the recordings
+    output:     table to be written
+    usual:      file of the usual spread to be written; None: none
+    report:     page to be written; None: none
+    cache:      folder of results of earlier runs; None: nothing is kept
+    weights:    whether weights of working recordings are booked
+    """
 
     recordings: tuple[str, ...]
     output: Path
@@ -37,7 +46,7 @@ class Wanted(NamedTuple):
 
 
 def run_fleet(wanted: Wanted, where: Where, watch: Watch = silent, say: Say = print) -> FleetResult:
-    """Look at all recordings, and write what was asked. Raises RecordingError with a sentence."""
+    """Read all recordings, and write the outputs. Raises RecordingError with a sentence."""
     watch("listing recordings", None)
     found = found_in(wanted.recordings)
     kept = KeptResults(wanted.cache)
@@ -70,7 +79,7 @@ def _usual(each: OfType) -> UsualOfType:
 
 
 def _changes(analysis: Analysis) -> list[FleetChange]:
-    """The lasting ones first, then single days; the surest first."""
+    """Return all changes, the lasting ones first, then single days; the most probable first."""
     found = []
     for kind in analysis.types:
         for name, ordered in kind.machines.items():
@@ -83,7 +92,7 @@ def _changes(analysis: Analysis) -> list[FleetChange]:
 
 
 def _latest(ordered: Ordered, count: int) -> Sequence[Gathered]:
-    """Those recordings that were looked at together."""
+    """Return the recordings that were analysed together."""
     return ordered.recordings[-count:] if count else ()
 
 
@@ -104,7 +113,7 @@ def _facts(each: Gathered) -> dict[str, Any]:
 def _rows(
     gathered: Sequence[Gathered], analysis: Analysis, changed: Sequence[FleetChange]
 ) -> dict[str, dict[str, Any]]:
-    """By address."""
+    """Return the rows of the table by address."""
     rows = {each.stored.address: _facts(each) for each in gathered}
     for address, note in analysis.notes.items():
         rows[address]["reason"] = "; ".join(text for text in (rows[address]["reason"], note) if text)
@@ -143,7 +152,7 @@ def _add_course(rows: dict[str, dict[str, Any]], kind: OfType, name: str, ordere
 
 
 def show_fleet(result: FleetResult, wanted: Wanted, console: Console) -> None:
-    """What an owner wants to know: which machines changed, and what could not be read."""
+    """Print the result for an owner: machines that changed, and recordings that could not be read."""
     machines = sorted({each.stored.machine for each in result.gathered})
     failed = [row for row in result.rows if row["state"] == FAILED]
     console.print(f"{len(machines)} machines, {len(result.gathered)} recordings, {len(failed)} of them not usable")

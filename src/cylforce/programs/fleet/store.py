@@ -1,4 +1,4 @@
-"""Where a fleet's recordings are: a folder, or any store that fsspec knows. Files are read where they are."""
+"""Store of a fleet's recordings: a folder, or any store that fsspec supports. Files are read in place."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -26,9 +26,16 @@ _DATE = re.compile(r"(\d{4})-?(\d{2})-?(\d{2})(?:[T_ -]?(\d{2})[-:.h]?(\d{2})(?:
 
 
 class Stored(NamedTuple):
-    """A recording: `machine` and `name`, `address`, the `machine_file`'s address, when it was made by its name (ISO, ""
-    if the name has no date), `stamp`: what changes with its content, as far as the store tells; `doubt`: why it is not
-    looked at."""
+    """Recording in a store.
+
+    machine:      name of the machine
+    name:         name of the recording
+    address:      its address
+    machine_file: address of the machine file
+    made:         time in its name (ISO); "" without one
+    stamp:        mark of the store that changes with the content
+    doubt:        why it is not read; "" if it is
+    """
 
     machine: str
     name: str
@@ -43,7 +50,10 @@ class StoredFile:
     """A file of a store with those methods of a path that readers of recordings use."""
 
     def __init__(self, address: str) -> None:
-        """`address`: as fsspec writes it, for example s3://bucket/EX-001/2026-03-14.parquet."""
+        """Open a file of a store.
+
+        address: in the syntax of fsspec, for example s3://bucket/EX-001/2026-03-14.parquet
+        """
         self._store, self._inside = opened(address)
         self._address = address
         self.name = PurePosixPath(self._inside).name
@@ -53,36 +63,36 @@ class StoredFile:
         return self._address
 
     def open(self, mode: str = "r", **how: Any) -> IO[Any]:  # noqa: ANN401 - as pathlib's
-        """As a path's."""
+        """Open the file like `Path.open`."""
         found: IO[Any] = self._store.open(self._inside, mode, **how)
         return found
 
     def exists(self) -> bool:
-        """As a path's."""
+        """Return whether the file exists."""
         return bool(self._store.exists(self._inside))
 
     def is_file(self) -> bool:
-        """As a path's."""
+        """Return whether it is a file."""
         return bool(self._store.isfile(self._inside))
 
     def is_dir(self) -> bool:
-        """As a path's."""
+        """Return whether it is a folder."""
         return bool(self._store.isdir(self._inside))
 
     def stat(self) -> SimpleNamespace:
-        """As a path's; the size only."""
+        """Return the status of the file, which has only its size."""
         return SimpleNamespace(st_size=self._store.size(self._inside))
 
 
 def check_fleet_extra() -> None:
-    """Raises RecordingError when what a fleet needs is not installed."""
+    """Raise RecordingError if a package that a fleet needs is not installed."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise RecordingError(f"a fleet needs {' and '.join(missing)}: pip install 'cylforce[fleet]'")
 
 
 def opened(address: str) -> tuple[Any, str]:
-    """The store of an address and the path inside it."""
+    """Return the store of an address and the path inside it."""
     import fsspec
 
     protocol = address.partition("://")[0] if "://" in address else "file"
@@ -91,12 +101,12 @@ def opened(address: str) -> tuple[Any, str]:
 
 
 def stored_path(address: str) -> Path:
-    """An address as the readers of recordings take it."""
+    """Return an address as a path for the readers of recordings."""
     return Path(address) if "://" not in address else cast("Path", StoredFile(address))
 
 
 def stamp_of(address: str) -> str:
-    """What the store tells of a file that changes with its content: size and time, or the store's own mark."""
+    """Return a mark of a file that changes with its content: size and time, or the store's own mark."""
     store, inside = opened(address)
     return _stamp(store.info(inside))
 
@@ -107,7 +117,10 @@ def _stamp(info: Mapping[str, Any]) -> str:
 
 
 def within(seconds: float, what: Callable[[], T], sentence: str) -> T:
-    """What a function returns; raises RecordingError with `sentence` when it fails, or does not return in time."""
+    """Return the result of a function.
+
+    Raises RecordingError with `sentence` when it fails, or does not return within `seconds`.
+    """
     answer: list[T] = []
     failed: list[BaseException] = []
 
@@ -133,8 +146,10 @@ def _short(error: BaseException) -> str:
 
 
 def found_in(addresses: Sequence[str]) -> list[Stored]:
-    """All recordings below some addresses, in order of machine and time. Raises RecordingError when a store cannot be
-    reached or holds none."""
+    """Return all recordings below some addresses, in order of machine and time.
+
+    Raises RecordingError when a store cannot be reached or holds none.
+    """
     found, files = dict[str, str](), set[str]()
     for address in addresses:
         cure = f"{address}: this place cannot be read (check address, network and access)"
@@ -149,7 +164,7 @@ def found_in(addresses: Sequence[str]) -> list[Stored]:
 
 
 def _listed(address: str) -> dict[str, str]:
-    """Stamps of all files below an address, by their addresses."""
+    """Return the stamps of all files below an address, by their addresses."""
     store, inside = opened(address)
     whole = store.find(inside, detail=True) or {inside: store.info(inside)}
     local = "://" not in address
@@ -168,7 +183,7 @@ def _stored(path: str, stamp: str, files: set[str]) -> Stored:
 
 
 def made(name: str) -> str:
-    """The time in a recording's name, as ISO text; "" when it has none."""
+    """Return the time in a recording's name, as ISO text; "" without one."""
     match = _DATE.search(name)
     if match is None:
         return ""
@@ -179,8 +194,10 @@ def made(name: str) -> str:
 
 
 def _doubted(found: Sequence[Stored]) -> list[Stored]:
-    """The same; machines of one name get the names of the folders above, and recordings that are there twice are left
-    out."""
+    """Return the recordings with distinct machine names and with duplicates marked.
+
+    Machines of one name are named by their folders. A recording that exists in two formats gets a `doubt`.
+    """
     folders = dict[str, set[str]]()
     for each in found:
         folders.setdefault(each.machine, set()).add(each.address.rpartition("/")[0])
@@ -199,7 +216,7 @@ def _doubted(found: Sequence[Stored]) -> list[Stored]:
 
 
 def namesakes(found: Sequence[Stored]) -> list[str]:
-    """Sentences about machines of one name in several folders."""
+    """Return sentences about machines of one name in several folders."""
     folders = dict[str, set[str]]()
     for each in found:
         folder = each.address.rpartition("/")[0]

@@ -1,5 +1,8 @@
-"""The work on one recording: read it where it is, and say what it tells. It depends on the recording's content, the
-machine file and the program, and on nothing else, so that it may be done anywhere, in any order, and again."""
+"""Work on one recording: it is read in place, and its evidence is computed.
+
+The result depends only on the recording's content, the machine file and the program. The work may be done anywhere, in
+any order, and again.
+"""
 
 import hashlib
 import json
@@ -46,7 +49,12 @@ OK, DOUBTFUL, WORK, FAILED, CHANGED = "ok", "doubtful", "at work", "failed", "ch
 
 
 class Job(NamedTuple):
-    """A recording at `address` of a machine whose file at `machine_file` has this `text`."""
+    """Recording to be processed.
+
+    address:      of the recording
+    machine_file: address of the machine file
+    text:         content of the machine file
+    """
 
     address: str
     machine_file: str
@@ -54,8 +62,12 @@ class Job(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """What came out: `facts` for the table, by name (`state` and `reason` among them), and, where the recording tells
-    any, its evidence and the identified parameters."""
+    """Result of a recording.
+
+    facts: values of the table by name, `state` and `reason` among them
+    told:  its evidence; None if it has none
+    tares: identified parameters; None if there are none
+    """
 
     facts: dict[str, Any]
     told: Evidence | None = None
@@ -64,18 +76,18 @@ class Summary(NamedTuple):
 
 @lru_cache(maxsize=64)
 def loaded_of(text: str, where: str) -> Loaded:
-    """The machine of a file's text. Raises SettingsError."""
+    """Return the machine of a file's text. Raises SettingsError."""
     return load_text(text, Path(where))
 
 
 def key_of(sha256: str, text: str) -> str:
-    """Under which a result is kept."""
+    """Return the key of a result: hash of recording, machine file and program."""
     parts = (sha256, hashlib.sha256(text.encode()).hexdigest(), program(ROOMS))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
 def content_sha256(address: str) -> str:
-    """Hash of a recording's content."""
+    """Return the hash of a recording's content."""
     digest = hashlib.sha256()
     with stored_path(address).open("rb") as file:
         while piece := file.read(PIECE):
@@ -84,8 +96,10 @@ def content_sha256(address: str) -> str:
 
 
 def summarised(job: Job, known: frozenset[str] = frozenset()) -> Summary:
-    """What a recording tells; whatever is wrong with it is the outcome's reason. One whose key is `known` is not looked
-    at again."""
+    """Return the result of a recording; an error becomes its reason.
+
+    known: keys of results that exist; their recordings are not read again
+    """
     begun = process_time()
     facts: dict[str, Any] = {"state": FAILED, "reason": "", "sha256": "", "warnings": []}
     try:
@@ -134,8 +148,10 @@ def _told(job: Job, facts: dict[str, Any]) -> Summary:
 
 
 def _identified(loaded: Loaded, stretches: Sequence[Recording], facts: dict[str, Any], told: Evidence) -> Summary:
-    """With what `cylforce identify` says of it: a recording that it refuses is doubtful, but a change of the machine
-    may be the reason for that."""
+    """Return the result with an identification.
+
+    A recording that the identification refuses is doubtful, but a change of the machine may be the reason.
+    """
     segments = [each.values for each in stretches]
     try:
         found = identify(model_of(loaded), segments)
@@ -148,7 +164,12 @@ def _identified(loaded: Loaded, stretches: Sequence[Recording], facts: dict[str,
 
 
 class Booked(NamedTuple):
-    """Weights [kg] that a recording of work books, with their standard errors; `reason` why it could not be played."""
+    """Weights booked from a working recording.
+
+    kg:     weights [kg]
+    errors: their standard errors [kg]
+    reason: why the recording could not be played; "" if it was
+    """
 
     kg: tuple[float, ...]
     errors: tuple[float, ...]
@@ -156,7 +177,7 @@ class Booked(NamedTuple):
 
 
 def booked(job: Job, tares: Tares) -> Booked:
-    """The weights that the service would book with these parameters."""
+    """Return the weights that the service would book with these parameters."""
     try:
         loaded = loaded_of(job.text, job.machine_file)
         core = Core(loaded.service, tares)
@@ -176,7 +197,7 @@ NONE = Booked((), ())
 
 
 def _silent(sentence: str) -> None:
-    """Say nothing."""
+    """Ignore a sentence."""
 
 
 def _nothing(estimate: object) -> None:
@@ -184,11 +205,11 @@ def _nothing(estimate: object) -> None:
 
 
 def tares_key(tares: Tares) -> str:
-    """A hash of parameters."""
+    """Return a hash of parameters."""
     said = tares._asdict() | {name: getattr(tares, name).tolist() for name in ("values", "covariance", "row_error")}
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
 
 
 def on_worker() -> tuple[str, int]:
-    """The program of a worker and its process: to be compared with the caller's."""
+    """Return the program of a worker and its process, for comparison with the caller's."""
     return program(ROOMS), os.getpid()

@@ -1,4 +1,4 @@
-"""What changed, in words that an owner understands."""
+"""Changes in words that an owner understands."""
 
 from math import degrees
 
@@ -24,7 +24,7 @@ HINTS = {
 
 
 def cause_words(name: str, at: str) -> str:
-    """A cause at its place."""
+    """Return a cause and its location in words."""
     said = {
         FRICTION: f"{at} cylinder's friction",
         DRY: f"{at} cylinder's dry friction",
@@ -37,7 +37,7 @@ def cause_words(name: str, at: str) -> str:
 
 
 def size_words(altered: MachineChange) -> str:
-    """Size and standard error in the units of the workshop."""
+    """Return size and standard error in the units of the workshop."""
     value, error = altered.size, altered.error
     if altered.name == UNKNOWN:
         return ""
@@ -53,7 +53,11 @@ def size_words(altered: MachineChange) -> str:
 
 
 def told(altered: MachineChange, date: str, before: str) -> str:
-    """A sentence about a change that shows first on `date`, after the recording of `before`."""
+    """Return a sentence about a change.
+
+    date:   of the first recording with it
+    before: date of the recording before
+    """
     what = " ".join((cause_words(altered.name, altered.at), size_words(altered))).strip()
     others = [cause_words(b.name, b.at) for b in altered.causes if (b.name, b.at) != (altered.name, altered.at)]
     sure = f"{100.0 * min(altered.probability, 0.999):.3g} % sure"

@@ -1,4 +1,4 @@
-"""Where the work is done: in this process, in local ones, or on any cluster of Dask by the address of its scheduler."""
+"""Workers: this process, local processes, or any cluster of Dask by the address of its scheduler."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -27,12 +27,16 @@ AHEAD = 8  # tasks given to each worker: so many results at most are lost when t
 ENDED = "the scheduler ended, or the connection to it: what was done is kept; start it, and run again"
 FEW = 2  # tasks, up to which no process is started for them
 
-Take = Callable[[Any, Any], None]  # a job, and what came out or the exception
+Take = Callable[[Any, Any], None]  # a job, and its result or exception
 Say = Callable[[str], None]
 
 
 class Where(NamedTuple):
-    """`scheduler`: its address, or None for local processes, of which there are `workers`; 0: none but this one."""
+    """Workers of a run.
+
+    scheduler: address of a scheduler; None: local processes
+    workers:   number of local processes; 0: only this one
+    """
 
     scheduler: str | None = None
     workers: int = 2
@@ -44,8 +48,11 @@ Jobs = Sequence[tuple[Any, ...]]
 def computed(
     function: Callable[..., Any], jobs: Jobs, common: tuple[Any, ...], where: Where, take: Take, say: Say
 ) -> None:
-    """Call `function(*job, common)` for every job, wherever; `take` is given each job with what came out, as it comes.
-    Raises RecordingError when the scheduler does not answer, or ends."""
+    """Call `function(*job, *common)` for every job on the workers.
+
+    `take` receives each job with its result as soon as it is there. Raises RecordingError when the scheduler does not
+    answer, or ends.
+    """
     if where.scheduler is None and (where.workers == 0 or len(jobs) <= FEW):
         for job in jobs:
             take(job, function(*job, *common))
@@ -66,7 +73,7 @@ def _distributed(client: Any, function: Callable[..., Any], jobs: Jobs, common: 
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
-    # Results of tasks, not scattered: what is lost with a worker that ends is made again.
+    # Results of tasks, not scattered: those lost with a worker that ends are computed again.
     shared = [client.submit(_same, each, pure=False) for each in common]
     waiting, job_of = iter(jobs), {}
 
@@ -97,7 +104,7 @@ def _same(value: Any) -> Any:  # noqa: ANN401
 
 
 def _outcome(future: Any) -> Any:  # noqa: ANN401 - Dask has no types
-    """What came out, or the exception. Raises CancelledError when the scheduler is lost."""
+    """Return the result of a task, or its exception. Raises CancelledError when the scheduler is lost."""
     from concurrent.futures import CancelledError
 
     try:
@@ -138,7 +145,9 @@ def _client(where: Where, say: Say) -> Iterator[Any]:
 
 
 def _check_version(client: Any) -> None:  # noqa: ANN401 - Dask has no types
-    """Results must not depend on where they were computed. Raises RecordingError."""
+    """Check that all workers have the caller's program: results must not depend on the worker. Raises
+    RecordingError.
+    """
     programs = {name: said[0] for name, said in client.run(on_worker).items()}
     if not programs:
         raise RecordingError("the scheduler has no worker: start one (dask worker ADDRESS)")

@@ -1,4 +1,4 @@
 """Live operation: the simulated bus, the player of recordings, the collector and the operator's live picture.
 
-Work here on what runs while a machine moves.
+Work here on code that runs while a machine moves.
 """

@@ -1,5 +1,4 @@
-"""Between the service and the records: what changed is handed over, and what is known is shown in the object
-dictionary."""
+"""Link between the service and its records: changes are written, and totals are shown in the object dictionary."""
 
 from pathlib import Path
 
@@ -42,9 +41,9 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.settings.seal import user
 from cylforce.signals.estimate import Booking, is_new
 
-OFTEN = 10  # steps between two looks at the writing thread
+OFTEN = 10  # steps between two checks of the writing thread
 AUDIT_MOST, AUDIT_US = 20, 60_000_000  # audit entries that SDO clients cause, and in which time; chosen
-SAME_LOAD = 0.02  # share by which the weight of a load that hangs may change without being kept anew; chosen
+SAME_LOAD = 0.02  # share by which the weight of a carried load may change without being written again; chosen
 
 
 class Ledger:
@@ -61,12 +60,14 @@ class Ledger:
 
     @property
     def lifetime(self) -> float | None:
-        """All that was ever loaded [kg]; None without records."""
+        """Mass of all loads ever [kg]; None without records."""
         return None if self._recorder is None else self._recorder.lifetime
 
     def audit(self, t_us: int, who: str, what: str) -> None:
-        """Enter something into the audit trail. Of more than AUDIT_MOST entries a minute only the number is kept, so
-        that nobody can fill the disk with them."""
+        """Append an entry to the audit trail.
+
+        Of more than AUDIT_MOST entries a minute only the number is kept, so that nobody can fill the disk with them.
+        """
         if self._recorder is None:
             return
         if not 0 <= t_us - self._minute_us < AUDIT_US:
@@ -80,11 +81,11 @@ class Ledger:
         self._recorder.put(Audit(t_us, who, f"{what}{more}"))
 
     def reloaded(self, t_us: int, seal: str) -> None:
-        """The parameters were read anew."""
+        """Enter new parameters into the audit trail."""
         self.audit(t_us, "reload", f"parameters: {seal}")
 
     def look(self, state: State) -> None:
-        """Hand over what changed; show it."""
+        """Write a change of the state to the records, and show it."""
         kept, books = state.memory, state.weighing.books
         if is_new(kept.booking, self._kept.booking):
             self._change(state, kept, None)
@@ -97,7 +98,10 @@ class Ledger:
             self._show_records()
 
     def _change(self, state: State, kept: Memory, final: Booking | None) -> None:
-        """Hand over what changed; `final`: a booking whose bucket has returned."""
+        """Write a change to the records, and show it.
+
+        final: a booking whose bucket has returned
+        """
         booked = _booked(state, self._kept)
         if self._recorder is not None:
             said = words(self._kept, kept)
@@ -129,8 +133,10 @@ class Ledger:
 
 
 def changed(before: Memory, after: Memory) -> bool:
-    """Whether the operator changed something, another load hangs, or a lost one has been told. Masses that become more
-    precise are kept when they are final."""
+    """Return whether there is a change by the operator, another load, or a newly reported lost load.
+
+    A mass that becomes more precise is written when it is final.
+    """
     return (
         after.scale is not before.scale
         or after.tool != before.tool
@@ -141,20 +147,20 @@ def changed(before: Memory, after: Memory) -> bool:
 
 
 def _another(before: Weighed | None, after: Weighed | None) -> bool:
-    """Whether another load hangs, not the same weighed more precisely."""
+    """Return whether the tool carries another load, not the same one weighed more precisely."""
     if before is None or after is None:
         return before is not after
     return abs(after.mass - before.mass) > SAME_LOAD * before.mass
 
 
 def _decided(truck: Truck) -> tuple[object, ...]:
-    """What the operator has decided about a truck."""
+    """Return the decisions of the operator about a truck."""
     aims = truck.target, truck.trailer, truck.part
     return truck.number, *aims, truck.product, tuple((b.number, b.accepted) for b in truck.buckets)
 
 
 def _booked(state: State, before: Memory) -> BookedBucket | None:
-    """The booking that is new, with what is known of its cycle."""
+    """Return a new booking with its cycle; None without one."""
     booking, cycle = state.weighing.books.booking, ended(state.ended)
     if booking is None or not is_new(booking, before.booking):
         return None
@@ -164,7 +170,7 @@ def _booked(state: State, before: Memory) -> BookedBucket | None:
 
 
 def words(before: Memory, after: Memory) -> str:
-    """What an operator changed; empty after a booking alone."""
+    """Return the changes by an operator in words; empty after a booking alone."""
     said = []
     if after.scale != before.scale:
         said.append(f"zero {after.scale.zero:.1f} kg, tare {after.scale.tare:.1f} kg")
@@ -185,9 +191,11 @@ def _truck_words(truck: Truck) -> str:
 
 
 def open_recorder(path: Path | None, loaded: Loaded, identified: Path | None = None) -> Recorder | None:
-    """The records of this start of the service. What runs and with which parameters is entered into the audit trail if
-    it is another than at the last start. Raises RecordingError when another service writes them, or where
-    they are no ordinary file."""
+    """Return the records of this start of the service; None without a path.
+
+    Software, machine file and parameters are entered into the audit trail if they differ from the last start. Raises
+    RecordingError when another service writes the records, or where they are no ordinary file.
+    """
     if path is None:
         return None
     check_ordinary(path)
@@ -200,7 +208,7 @@ def open_recorder(path: Path | None, loaded: Loaded, identified: Path | None = N
 
 
 def kept_by(recorder: Recorder | None, identified: Path | None) -> Memory:
-    """What was kept from before this start, and whether the identified parameters are yet to be confirmed."""
+    """Return the memory of earlier starts, and mark identified parameters that are to be confirmed."""
     kept, elsewhere = recorder.kept if recorder else NOTHING_KEPT, from_elsewhere(identified)
     if elsewhere:
         warn(f"{identified}: is of another controller: nothing is OK until `cylforce seal` confirms it here")
@@ -208,13 +216,13 @@ def kept_by(recorder: Recorder | None, identified: Path | None) -> Memory:
 
 
 def from_elsewhere(identified: Path | None) -> bool:
-    """Whether the parameters were sealed on another controller, so that they may be another machine's."""
+    """Return whether the parameters were sealed on another controller, so that they may be another machine's."""
     seal = None if identified is None else identified_seal(identified)
     return identified is not None and (seal.controller if seal else "") != controller_id()
 
 
 def sealed_as(identified: Path | None) -> str:
-    """Which parameters these are: the file's seal in words."""
+    """Return the file's seal in words."""
     seal = None if identified is None else identified_seal(identified)
     if identified is None or seal is None:
         return "of the data sheet"
@@ -222,7 +230,7 @@ def sealed_as(identified: Path | None) -> str:
 
 
 def show_identity(node: Node, loaded: Loaded, identified: Path | None) -> None:
-    """Which software, machine file and parameters run, in the object dictionary."""
+    """Show the hashes of software, machine file and parameters in the object dictionary."""
     seal = None if identified is None else identified_seal(identified)
     for sub, sha256 in (
         (SOFTWARE_ID, software_sha256()),

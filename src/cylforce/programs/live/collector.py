@@ -1,5 +1,7 @@
-"""The station of `cylforce commission`: it takes samples as the daemon does, passes them to the guidance, and sends
-only what the sensors need to send their values."""
+"""Station of `cylforce commission`: it takes samples like the daemon and passes them to the guidance.
+
+It sends only the frames that the sensors need to send their values.
+"""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
@@ -21,14 +23,20 @@ from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Event, Frame, Tick
 
-PATIENCE_S = 3.0  # without a complete sample, after which the picture says so
-STILL_S = 30.0  # without motion, after which the picture says so
+PATIENCE_S = 3.0  # without a complete sample, after which the picture reports it
+STILL_S = 30.0  # without motion, after which the picture reports it
 THOUGHT_S = 0.5  # of samples that are passed to the guidance at once
 
 
 class View(NamedTuple):
-    """What is shown: the advice, the joints' present angles `here` (N,) [rad] (NaN: unknown), seconds since the last
-    complete sample and since the last motion, and the `trouble` that prevents progress."""
+    """State of the guidance for the screen.
+
+    advice:  the advice
+    here:    (N,) present joint angles [rad]; NaN where unknown
+    deaf_s:  time since the last complete sample [s]
+    still_s: time since the last motion [s]
+    trouble: sentence on an obstacle; None without one
+    """
 
     advice: Advice
     here: Array
@@ -43,7 +51,7 @@ class View(NamedTuple):
 
 
 class Collector(Station[None]):
-    """Passes samples from the bus to the guidance, which works in a thread so that no tick is late."""
+    """Station that passes samples from the bus to the guidance, in a thread so that no tick is delayed."""
 
     def __init__(self, loaded: Loaded, guide: Guide, bus: Bus, log: LogWriter | None) -> None:
         super().__init__(loaded.service, self._collect, None, bus, log)
@@ -61,14 +69,16 @@ class Collector(Station[None]):
         self._thought: Future[Collected] | None = None
 
     def _collect(self, _: None, event: Event) -> tuple[None, Output]:
-        """The step of this station: its state is its own."""
+        """Process an event; the station keeps its state itself."""
         if isinstance(event, Frame):
             return None, Output(self.received(event), words="refused: nothing is weighed during commissioning")
         self.ticked(event)
         return None, NOTHING
 
     def received(self, frame: Frame) -> int | None:
-        """Into the sample; zero and tare are refused while nothing is weighed."""
+        """Add a frame to the sample, and return the verdict on a command: zero and tare are refused without
+        weighing.
+        """
         booted = commands.booted(frame)
         if booted is not None:
             self._inputs = self._assembler.restart(self._inputs, booted)
@@ -77,7 +87,7 @@ class Collector(Station[None]):
         return NOT_NOW if commands.read(frame, self.service.node_id) else None
 
     def ticked(self, tick: Tick) -> None:
-        """A row of what is known now."""
+        """Append a row with the present sample."""
         period_us = round(1e6 / self.service.filters.rate_hz)
         if self._sample is None:
             self._whole_us = self._moved_us = tick.t_us
@@ -90,7 +100,7 @@ class Collector(Station[None]):
             self._whole_us = tick.t_us
 
     def think(self) -> None:
-        """Take the guidance's last result and pass it the samples since then. Raises what the guidance raised."""
+        """Take the guidance's last result and pass it the samples since then. Raises the guidance's errors."""
         if self._thought is not None:
             if not self._thought.done():
                 return
@@ -103,7 +113,7 @@ class Collector(Station[None]):
             self._thought = self._pool.submit(self.guide.absorb, self.collected, rows, longest)
 
     def view(self) -> View:
-        """What is shown now."""
+        """Return the present view."""
         advice, now_us = self.guide.advice(self.collected), 0 if self._sample is None else self._sample.t_us
         deaf_s, still_s = (1e-6 * (now_us - since) for since in (self._whole_us, self._moved_us))
         return View(advice, self._here(), deaf_s, still_s, self._trouble(deaf_s, still_s, advice))
@@ -138,7 +148,7 @@ class Collector(Station[None]):
         return f"nothing can be measured: {'; '.join(nodes)}"
 
     def _missing_of(self, node: SensorNode, bad: dict[str, Reason]) -> str | None:
-        """Which values of a node are missing, and what to check."""
+        """Return a sentence on the missing values of a node, with the cure; None without any."""
         lost = [f.signal for pdo in node.pdos for f in pdo.fields if f.signal in bad]
         if not lost:
             return None

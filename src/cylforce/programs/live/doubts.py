@@ -1,5 +1,4 @@
-"""What the service says when sensors contradict each other: an emergency message, and the signals' names in the
-journal."""
+"""Messages on contradictory sensors: an emergency message, and the signals' names in the journal."""
 
 from structlog.typing import FilteringBoundLogger
 
@@ -38,14 +37,14 @@ WHY = {
 
 
 class Doubts:
-    """Says every change of what is suspected."""
+    """Reporter of changes of the suspected sensors."""
 
     def __init__(self, machine: Machine, emergencies: Emergencies, tell: FilteringBoundLogger) -> None:
         self._machine, self._emergencies, self._tell = machine, emergencies, tell
         self._said = NOTHING_SUSPECTED
 
     def look(self, now: SensorDoubt) -> None:
-        """After every step."""
+        """Report a change of the suspicion, after every step."""
         before, self._said = self._said, now
         if (now.level, now.cause, now.signals) == (before.level, before.cause, before.signals):
             return

@@ -1,5 +1,7 @@
-"""What the station watches at the edge of the bus, beside its step: which frames it wants, the bus's own faults, and
-nodes that are alive but no longer send their PDOs."""
+"""Supervision at the edge of the bus, apart from the step.
+
+It covers the filter of frames, the bus's own faults, and nodes that are alive but no longer send their PDOs.
+"""
 
 from collections.abc import Callable, Iterator
 
@@ -16,7 +18,10 @@ LONGEST_US = 30_000_000  # between two such attempts; doubled from SILENT_US on
 
 
 class Edge:
-    """`begin(node_id)` sets a sensor up again; `tell(words)` is called for each emergency of the bus."""
+    """Supervision of one bus.
+
+    `begin(node_id)` configures a sensor again; `tell(words)` is called for each emergency of the bus.
+    """
 
     def __init__(
         self, service: Service, bus: Bus, node: Node, begin: Callable[[int], None], tell: Callable[[str], None]
@@ -28,26 +33,28 @@ class Edge:
         self._subscribed: frozenset[int] = frozenset()
 
     def on_frame(self, frame: Frame) -> None:
-        """Every frame, before the node has it."""
+        """Register a frame, before the node receives it."""
         if frame.can_id in self._heard_us:
             self._heard_us[frame.can_id] = frame.t_us
         elif frame.can_id & ERROR:
             self.health.on_frame(frame)
 
     def look(self, t_us: int) -> None:
-        """At each tick: the bus's own counts."""
+        """Check the bus's own counts, at each tick."""
         counters = self._bus.counters
         self.health.update(Tally(self._bus.overflow(), counters.dropped, counters.reopened), t_us)
 
     def filter(self, subscribed: frozenset[int]) -> None:
-        """Ask the bus for what is wanted, if that has changed; `subscribed`: what the node asks for."""
+        """Set the bus's filter for the frames that are needed, if they changed.
+
+        subscribed: identifiers that the node needs
+        """
         if subscribed != self._subscribed or not self._subscribed:
             self._bus.accept(wanted(self._service, subscribed))
             self._subscribed = subscribed
 
     def wake(self, outcomes: dict[int, Outcome], t_us: int) -> None:
-        """Set up again whatever says that it is operational and sends nothing; ever more rarely, if that does not
-        help."""
+        """Configure nodes again that are operational and send nothing, at doubling intervals."""
         for node_id in self._asleep(outcomes, t_us):
             due_us, wait_us = self._again_us.setdefault(node_id, (t_us + SILENT_US, SILENT_US))
             if t_us >= due_us:

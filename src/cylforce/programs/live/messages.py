@@ -14,7 +14,7 @@ from typing import TextIO, cast
 import structlog
 
 ROOM = 1000  # lines that wait at most; chosen: ten seconds of a line at every step
-LAST_S = 0.5  # for what still waits at the end; chosen: shorter than a watchdog's second
+LAST_S = 0.5  # for lines that still wait at the end; chosen: shorter than a watchdog's second
 
 
 class Messages:
@@ -38,10 +38,10 @@ class Messages:
             self._put(f"{line}\n")
 
     def flush(self) -> None:
-        """Nothing to do: lines go as soon as they can."""
+        """Do nothing: lines are written as soon as possible."""
 
     def close(self) -> None:
-        """Wait a moment until what was taken is written."""
+        """Wait up to LAST_S until all lines are written."""
         if self._fd is not None:
             done = self._waiting.all_tasks_done
             with done:
@@ -74,7 +74,10 @@ class Messages:
 
 
 def _descriptor(stream: TextIO) -> int | None:
-    """One of our own for the stream's file: when the stream is closed, its number may become another file's."""
+    """Return a descriptor of our own for the stream's file; None without a file.
+
+    When the stream is closed, its own number may become another file's.
+    """
     try:
         return os.dup(stream.fileno())
     except (OSError, ValueError, AttributeError):
@@ -85,7 +88,7 @@ _current: list[Messages] = []
 
 
 def configure_messages(stream: TextIO | None = None) -> None:
-    """Log as JSON lines on standard error or another stream."""
+    """Configure logging as JSON lines on standard error or another stream."""
     _current[:] = [Messages(stream or sys.stderr)]
     structlog.configure(
         processors=[
@@ -100,6 +103,6 @@ def configure_messages(stream: TextIO | None = None) -> None:
 
 @atexit.register
 def _last_messages() -> None:
-    """At the end of a program: what was said is written, if somebody reads it."""
+    """Write the remaining lines at the end of a program."""
     for messages in _current:
         messages.close()

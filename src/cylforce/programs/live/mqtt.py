@@ -23,7 +23,15 @@ Publish = Callable[[str, str, bool], bool]  # topic, payload, whether the broker
 
 
 class Broker(NamedTuple):
-    """Where bookings go: host, port, first part of all topics, user name and password (empty: none), TLS."""
+    """Broker that receives bookings.
+
+    host:     its host
+    port:     its port
+    topic:    prefix of all topics
+    user:     user name; empty: none
+    password: password; empty: none
+    tls:      whether the connection is encrypted
+    """
 
     host: str
     port: int
@@ -34,12 +42,12 @@ class Broker(NamedTuple):
 
     @property
     def receiver(self) -> str:
-        """Name under which the records remember what it has."""
+        """Name of the broker in the records."""
         return f"mqtt://{self.host}:{self.port}/{self.topic}"
 
 
 def pass_on(connection: sqlite3.Connection, receiver: str, topic: str, publish: Publish) -> int:
-    """Publish what waits until the broker no longer confirms; how many bookings it took."""
+    """Publish the waiting bookings until the broker no longer confirms; return how many it confirmed."""
     taken = 0
     while waiting := pending(connection, receiver):
         for revision, booking in waiting:
@@ -52,7 +60,7 @@ def pass_on(connection: sqlite3.Connection, receiver: str, topic: str, publish: 
 
 
 def summaries(connection: sqlite3.Connection, topic: str) -> dict[str, str]:
-    """What the broker keeps for those who come later: topic and payload."""
+    """Return the retained messages, payload by topic."""
     sums = [
         {"product": total.product, "name": total.name, "loads": total.loads, "mass_kg": total.mass}
         for total in totals(connection, GRAND)
@@ -89,7 +97,7 @@ class BrokerLink:
         print(f"{self._name}: {said[3]}; bookings wait in the records", flush=True)
 
     def publish(self, topic: str, payload: str, keep: bool) -> bool:
-        """Whether the broker has confirmed it."""
+        """Publish a message and return whether the broker has confirmed it."""
         if not self._client.is_connected():
             return False
         sent = self._client.publish(topic, payload, qos=1, retain=keep)
@@ -98,14 +106,14 @@ class BrokerLink:
         return sent.rc == 0 and sent.is_published()
 
     def close(self) -> None:
-        """Say that no more comes."""
+        """Publish that no more comes, and disconnect."""
         self.publish(self._state, OFFLINE, True)
         self._client.disconnect()
         self._client.loop_stop()
 
 
 def run_mqtt(records: Path, broker: Broker, stop: Event | None = None) -> None:
-    """Pass on until a signal comes or `stop` is set. Raises RecordingError with a sentence."""
+    """Publish bookings until a signal comes or `stop` is set. Raises RecordingError with a sentence."""
     with closing(open_labels(records)) as connection:
         check_outbox(connection)
         with closing(BrokerLink(broker)) as link:

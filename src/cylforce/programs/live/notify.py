@@ -1,5 +1,4 @@
-"""What a service manager is told (sd_notify(3)): that the service is ready, that it is alive, that it
-reads parameters anew, that it stops."""
+"""Notifications of a service manager (sd_notify(3)): the service is ready, alive, reads parameters anew, stops."""
 
 import os
 import socket
@@ -19,23 +18,23 @@ class Manager:
             self._socket.setblocking(False)
 
     def ready(self) -> None:
-        """The service steps, and its values are on the bus."""
+        """Notify that the service steps, and its values are on the bus."""
         self._say(b"READY=1\nWATCHDOG=1")
 
     def alive(self) -> None:
-        """A step was on time, and its values were sent."""
+        """Notify that a step was on time, and its values were sent."""
         self._say(b"WATCHDOG=1")
 
     def reloading(self) -> None:
-        """New parameters are read, while the service steps on."""
+        """Notify that new parameters are read, while the service steps on."""
         self._say(b"RELOADING=1\nMONOTONIC_USEC=%d" % (time.monotonic_ns() // 1000))
 
     def reloaded(self) -> None:
-        """Reading has ended: with new parameters, or with the old ones."""
+        """Notify that reading has ended, with new parameters or with the old ones."""
         self._say(b"READY=1")
 
     def stopping(self) -> None:
-        """The service leaves the bus: the last that is said."""
+        """Notify that the service stops, and close the socket."""
         self._say(b"STOPPING=1")
         if self._socket is not None:
             self._socket.close()

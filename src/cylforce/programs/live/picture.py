@@ -25,8 +25,12 @@ CELL = 3  # characters
 
 
 class Joint(NamedTuple):
-    """One joint's part of the picture: its number in the plan, its name, and whether its cylinder runs out as the angle
-    grows, so that the cells go from its cylinder's inner end to the outer one."""
+    """Joint in the picture.
+
+    k:      its number in the plan
+    name:   its name
+    rising: whether its cylinder extends as the angle grows; the cells go from the retracted to the extended end
+    """
 
     k: int
     name: str
@@ -34,7 +38,7 @@ class Joint(NamedTuple):
 
 
 def picture(guide: Guide, view: View) -> RenderableType:
-    """All joints side by side, how well weight would be known, and what to do next."""
+    """Return all joints side by side, the error of a weight, and the next instruction."""
     blocks = [_block(guide.plan, joint, view) for joint in _joints(guide)]
     head = Text(f"{guide.model.machine.name}: {summary(guide, view)}", style="bold")
     colour = "bold red" if view.trouble or view.advice.refusal else "bold"
@@ -42,7 +46,7 @@ def picture(guide: Guide, view: View) -> RenderableType:
 
 
 def summary(guide: Guide, view: View) -> str:
-    """Seconds of motion, what is covered, how well weight would be known."""
+    """Return the seconds of motion, its coverage, and the error of a weight."""
     minutes, seconds = divmod(int(view.advice.seconds), 60)
     covered = 100 * share(guide.plan, view.advice.covered)
     return (
@@ -52,8 +56,10 @@ def summary(guide: Guide, view: View) -> str:
 
 
 def known(guide: Guide, view: View) -> str:
-    """How well a rated load would be weighed: the part that motion reduces, with its goal, and that of the pins and
-    bores, which only a known weight reduces."""
+    """Return the error of a rated load in words.
+
+    It has the part that motion reduces, with its goal, and that of pins and bores, which only a known weight reduces.
+    """
     rated, scale = guide.model.machine.rated_payload, guide.model.scale_error
     if not np.isfinite(view.advice.weight_error):
         return "weight not known yet"
@@ -99,7 +105,7 @@ def _cell(seconds: float, needed: float) -> str:
 
 
 def _pointer(plan: Plan, joint: Joint, view: View) -> Text:
-    """Where the joint is now, and where the stroke that is asked for ends."""
+    """Return a line with the present position of the joint and the end of the requested stroke."""
     width, j = CELL * BINS, plan.joints[joint.k]
     line = [" "] * width
     marks = [(view.here[j], "▲")]
@@ -135,7 +141,7 @@ class Screen:
             self._live.stop()
 
     def show(self, drawing: RenderableType, head: str, say: str) -> None:
-        """The drawing, or its heading and its sentence."""
+        """Show the drawing; without a terminal print its heading and its sentence."""
         if self._live is not None:
             self._live.update(drawing, refresh=True)
         elif say != self._said:

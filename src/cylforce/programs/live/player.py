@@ -32,22 +32,24 @@ class Player(Protocol):
         ...
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame from the bus."""
+        """Process a frame from the bus."""
         ...
 
     def poll(self, t_us: int) -> None:
-        """Do what is due."""
+        """Send frames whose time has come."""
         ...
 
     @property
     def done(self) -> bool:
-        """Nothing is left to play."""
+        """True where nothing remains to be played."""
         ...
 
 
 class TablePlayer:
-    """Sensors that measure what a table says: commissioned like real ones; from then on one row per SYNC, or, where no
-    sensor listens to SYNC, one per period."""
+    """Simulated sensors with the values of a table, commissioned like real ones.
+
+    They play one row per SYNC, or, where no sensor uses SYNC, one per period.
+    """
 
     def __init__(self, service: Service, table: Table, send: Send) -> None:
         self.network = Network(send)
@@ -66,13 +68,13 @@ class TablePlayer:
             node.boot()
 
     def on_frame(self, frame: Frame) -> None:
-        """SYNC asks for the next row."""
+        """Process a frame; SYNC plays the next row."""
         if frame.can_id == SYNC and self._by_sync:
             self._next()
         self.network.on_frame(frame)
 
     def poll(self, t_us: int) -> None:
-        """Heartbeats, event timers."""
+        """Send heartbeats and the PDOs of event timers."""
         if not self._by_sync and t_us >= self._due_us:
             self._due_us = t_us + round(1e6 / self._service.filters.rate_hz)
             self._next()
@@ -105,17 +107,17 @@ class LogPlayer:
 
     @property
     def done(self) -> bool:
-        """Nothing is left to play."""
+        """True where nothing remains to be played."""
         return self._next is None
 
     def boot(self) -> None:
-        """Nothing is sent before the first frame."""
+        """Send nothing: the log has its own first frame."""
 
     def on_frame(self, frame: Frame) -> None:
-        """Frames from the bus are ignored."""
+        """Ignore a frame from the bus."""
 
     def poll(self, t_us: int) -> None:
-        """Send what is due."""
+        """Send frames whose time has come."""
         if self._next is not None and self._shift is None:
             self._shift = t_us - self._next.t_us
         while self._next is not None and self._next.t_us + (self._shift or 0) <= t_us:
@@ -141,7 +143,7 @@ async def _until_stopped(loaded: Loaded, recording: Path, bus: Bus) -> None:
 
 
 async def play_until(loaded: Loaded, recording: Path, bus: Bus, stop: asyncio.Event) -> None:
-    """Play on the running loop, on a bus that is open and will not be closed, until it is done or `stop` is set."""
+    """Play on the running loop until the recording ends or `stop` is set; the bus is open and stays open."""
     source = open_recording(recording, loaded.service, loaded.columns)
     player: Player
     if isinstance(source, Table):

@@ -20,8 +20,14 @@ NO_FILE = "the service runs without an identified file: start it again with --id
 
 
 class Parameters(NamedTuple):
-    """What was read of an identified file: the core with its tares, the file's hash, its seal in words, warnings;
-    whether it is from elsewhere."""
+    """Parameters from an identified file.
+
+    core:      the core with its tares
+    sha256:    hash of the file
+    seal:      its seal in words
+    warnings:  sentences
+    elsewhere: whether the file was sealed on another controller
+    """
 
     core: Core
     sha256: str
@@ -31,13 +37,16 @@ class Parameters(NamedTuple):
 
 
 def read_anew(loaded: Loaded, identified: Path) -> Parameters:
-    """The parameters in the file as it is now. Raises RecordingError, SettingsError or ValueError with a sentence when
-    it is not whole, not of this machine, or replaced meanwhile."""
+    """Return the present parameters of the file.
+
+    Raises RecordingError, SettingsError or ValueError with a sentence when the file is not whole, not of this machine,
+    or replaced meanwhile.
+    """
     warnings: list[str] = []
     check_ordinary(identified)
     begun = file_sha256(identified)
     core = make_core(loaded, identified, warnings.append)
-    core.begin()  # what is computed once is computed here, beside the loop
+    core.begin()  # computations made once are made here, beside the loop
     found = Parameters(
         core, file_sha256(identified), sealed_as(identified), tuple(warnings), from_elsewhere(identified)
     )
@@ -47,7 +56,7 @@ def read_anew(loaded: Loaded, identified: Path) -> Parameters:
 
 
 class Reloading:
-    """Reloads of one service. `take` is called in the loop with what was read."""
+    """Reloads of one service. `take` is called in the loop with the new parameters."""
 
     def __init__(self, loaded: Loaded, identified: Path | None, take: Callable[[Parameters], None]) -> None:
         self._loaded, self._identified, self._take = loaded, identified, take
@@ -56,7 +65,7 @@ class Reloading:
         self._again = False
 
     def ask(self, manager: Manager) -> None:
-        """Reload soon; once more afterwards if that is asked meanwhile."""
+        """Reload soon; a request during a reload causes another one afterwards."""
         self._again = True
         if self._task is None or self._task.done():
             self._task = asyncio.get_running_loop().create_task(self._reload(manager))

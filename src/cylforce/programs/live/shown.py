@@ -1,4 +1,4 @@
-"""The demo's machine, its service and the display, each a process of its own, until a signal: what stands in a cab."""
+"""The machine, service and display of a cab for the demo, each a process of its own, until a signal."""
 
 import asyncio
 import signal

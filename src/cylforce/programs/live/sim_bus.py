@@ -30,8 +30,10 @@ EVENT_POLL_S, HEARTBEAT_POLL_S = 0.001, 0.01  # resolution of event timers, whic
 
 
 class MovingStage:
-    """The machine at any moment of the run: linear between samples, at rest before and after. The next scene
-    is computed in a thread while one is played."""
+    """Machine at any time of the run: linear between samples, at rest before and after.
+
+    The next scene is computed in a thread while one is played.
+    """
 
     def __init__(self, machine: Machine, records: Iterator[Record]) -> None:
         self._machine, self._records = machine, records
@@ -46,8 +48,10 @@ class MovingStage:
         return self._pool.submit(next, self._records, None)
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """The sensors' inner values (S,) and the truth's row (K,) at `t` [s]; times must not go back by a
-        scene."""
+        """Return the sensors' inner values (S,) and the truth's row (K,) at `t` [s].
+
+        Times must not go back by a scene.
+        """
         while t > self._t[-1] and self.end is None:
             self._advance()
         k = min(max(int(np.searchsorted(self._t, t, side="right")) - 1, 0), len(self._t) - 2)
@@ -77,8 +81,11 @@ STEPS = ("cycle", "phase")  # columns that are not interpolated
 
 
 class SensorNodes:
-    """All sensors of a machine file. It is given frames and the time; it sends frames by `send`, and writes rows of
-    truth: one per SYNC, or where no sensor listens to SYNC, one per period of the service."""
+    """Sensors of a machine file on a bus.
+
+    They process frames and the time, and send frames by `send`. They write rows of truth: one per SYNC, or where no
+    sensor uses SYNC, one per period of the service.
+    """
 
     def __init__(self, play: Play, send: Send, truth: TruthWriter | None, stage: MovingStage) -> None:
         service = play.service
@@ -96,7 +103,7 @@ class SensorNodes:
 
     @property
     def poll_s(self) -> float:
-        """How often to poll [s]."""
+        """Polling period [s]."""
         return EVENT_POLL_S if self._free else HEARTBEAT_POLL_S
 
     def boot(self) -> None:
@@ -105,14 +112,14 @@ class SensorNodes:
             node.boot()
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame from the bus; at SYNC all sensors measure before any answers."""
+        """Process a frame from the bus; at SYNC all sensors measure before any answers."""
         if frame.can_id == SYNC:
             self._measure(frame.t_us)
             self._tell(frame.t_us, self._by_sync)
         self.network.on_frame(frame)
 
     def poll(self, t_us: int) -> None:
-        """Do what is due: event timers, heartbeats."""
+        """Send the PDOs of event timers and heartbeats whose time has come."""
         if self._free:
             self._measure(t_us)
         period_us = 1e6 / self._play.service.filters.rate_hz
@@ -121,13 +128,16 @@ class SensorNodes:
         self.network.poll(t_us)
 
     def done(self, t_us: int) -> bool:
-        """Whether the run is over, and some time after it."""
+        """Return whether the run has been over for LINGER_S."""
         end = self.stage.end
         return end is not None and self._seconds(t_us) > end + LINGER_S
 
     def _seconds(self, t_us: int) -> float:
-        """Time of the run [s] at the time `t_us`. The first call with all sensors operational sets its zero to
-        `STILL_S` later: before that call it is 0, until the zero negative; the machine is at rest."""
+        """Return the time of the run [s] at the time `t_us`.
+
+        The first call with all sensors operational sets its zero to `STILL_S` later. Before that call the time is 0,
+        then negative until the zero; the machine is at rest.
+        """
         if self._start_us is None and all(node.operational for _, node in self._sensors):
             self._start_us = t_us + round(1e6 * STILL_S)
         return 0.0 if self._start_us is None else 1e-6 * (t_us - self._start_us)
@@ -146,8 +156,9 @@ class SensorNodes:
 
 
 def play_on_bus(play: Play, bus: str, truth: Path | None) -> None:
-    """Be the sensors on `bus` ("INTERFACE:CHANNEL") until the run is over, or SIGTERM or SIGINT. Raises
-    BusError."""
+    """Simulate the sensors on `bus` ("INTERFACE:CHANNEL") until the run is over, or SIGTERM or SIGINT. Raises
+    BusError.
+    """
     opened = open_shared_bus(bus)
     print(f"seed {play.seed}", flush=True)
     try:
@@ -165,7 +176,7 @@ async def _until_stopped(play: Play, bus: Bus, truth: Path | None) -> None:
 
 
 async def play_until(play: Play, bus: Bus, truth: Path | None, stop: asyncio.Event) -> None:
-    """The same on the running loop, on a bus that is open and will not be closed, until `stop` is set."""
+    """Simulate the sensors on the running loop until `stop` is set; the bus is open and stays open."""
     stage = MovingStage(play.service.machine, play.records)
     with TruthWriter(truth, play.header, stage.names) if truth else nullcontext() as writer:
         nodes = SensorNodes(play, bus.send, writer, stage)

@@ -36,14 +36,18 @@ OVERRUN_MESSAGES_US = 1_000_000  # so that a busy controller does not log a line
 
 
 class Counts(NamedTuple):
-    """Ticks served, ticks missed because the loop was late."""
+    """Counts of ticks.
+
+    steps:    ticks that were processed
+    overruns: ticks missed because the loop was too slow
+    """
 
     steps: int = 0
     overruns: int = 0
 
 
 class Station(Generic[S]):
-    """A service on a bus: `step(state, event)` gives the new state and what to send out. `code`: see Access."""
+    """Service on a bus: `step(state, event)` returns the new state and the output. `code`: see Access."""
 
     def __init__(
         self,
@@ -79,15 +83,15 @@ class Station(Generic[S]):
         return self._timetable[self.counts.steps % len(self._timetable)]
 
     def before_tick(self, t_us: int) -> None:
-        """Called before each tick is logged."""
+        """Do nothing before a tick is logged; subclasses override it."""
         return
 
     def after_sync(self) -> None:
-        """Called after each tick, when SYNC has been sent."""
+        """Do nothing after a tick, when SYNC has been sent; subclasses override it."""
         return
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Join the bus and begin to step; the sensors are commissioned beside the loop."""
+        """Join the bus and begin to step; the sensors are commissioned in parallel."""
         self.network.poll(now_us())
         self.edge.filter(frozenset(self.network.subscribers))
         self.bus.attach(loop, self.on_frame, self._on_sent)
@@ -96,12 +100,12 @@ class Station(Generic[S]):
         loop.add_reader(self._timer.fileno(), self.on_timer)
 
     def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
-        """The step failed: no step more, and say so on the bus."""
+        """End the steps after an error in one, and send an emergency."""
         loop.remove_reader(self._timer.fileno())
         self.node.emergencies.occur(SOFTWARE)
 
     async def stop(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Leave the bus; the log is complete afterwards."""
+        """Leave the bus and complete the log."""
         loop.remove_reader(self._timer.fileno())
         await self.commissioner.close()
         self._timer.close()
@@ -110,7 +114,7 @@ class Station(Generic[S]):
             self.log.close()
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame is logged, passed to the step, then to our node, which answers a command with the step's verdict."""
+        """Log a frame, pass it to the step, then to our node, which answers a command with the step's verdict."""
         self._keep(without_code(frame, self.node.node_id))
         self.state, out = self._step(self.state, frame)
         self._verdict = out.verdict
@@ -123,19 +127,21 @@ class Station(Generic[S]):
         self.after_frame(frame)
 
     def protected(self, words: str) -> None:
-        """Something about the lock, or a write that it refused."""
+        """Log an event of the lock, or a write that it refused."""
         self._tell.warning("protection", words=words)
 
     def _written(self, index: int, sub: int, before: bytes, after: bytes) -> None:
-        """An SDO client changed an object."""
+        """Log the change of an object by an SDO client."""
         self.protected(f"{index:04X}h:{sub} from {before[::-1].hex()}h to {after[::-1].hex()}h")
 
     def after_frame(self, frame: Frame) -> None:
-        """What else a frame is for; nothing here."""
+        """Do nothing after a frame; subclasses override it."""
 
     def on_timer(self) -> None:
-        """A tick is logged and passed to the step, its results are sent; then SYNC asks for the next samples. Missed
-        ticks are skipped and counted."""
+        """Log a tick, pass it to the step and send its results; then SYNC requests the next samples.
+
+        Missed ticks are skipped and counted.
+        """
         due = self._timer.read()
         if due == 0:
             return
@@ -164,14 +170,14 @@ class Station(Generic[S]):
         self._tell.warning("bus", why=words)
 
     def _tell_manager(self, late: int) -> None:
-        """A step that was on time, and whose values were sent, is what the watchdog is fed with."""
+        """Notify the watchdog of a step that was on time and whose values were sent."""
         if self.counts.steps == 1:
             self.manager.ready()
         elif not late:
             self.manager.alive()
 
     def _say_overruns(self, late: int, t_us: int) -> None:
-        """An emergency at once; a message at most once a second, with all that were missed since the last one."""
+        """Send an emergency at once, and a message at most once a second with all ticks missed since the last one."""
         self._missed += late
         if self._missed and not 0 <= t_us - self._said_us < OVERRUN_MESSAGES_US:
             self._tell.warning("overrun", missed=self._missed, overruns=self.counts.overruns)
@@ -202,7 +208,7 @@ class Station(Generic[S]):
 
 
 def without_code(frame: Frame, node_id: int) -> Frame:
-    """The frame as it is logged: a code that unlocks is written as 0."""
+    """Return the frame for the log, in which an unlocking code is replaced by 0."""
     if frame.can_id != 0x600 + node_id or frame.data[1:4] != _CODE or frame.data[0] & 0xE0 != 0x20:
         return frame
     return frame._replace(data=frame.data[:4] + bytes(len(frame.data) - 4))
@@ -215,8 +221,11 @@ async def serve(
     every_s: float = 1.0,
     manager: Manager | None = None,
 ) -> bool:
-    """Run until `until` is set or SIGTERM or SIGINT comes; meanwhile `look` every so often. Whether a signal came. What
-    the step raises ends it: said on the bus, then raised here."""
+    """Run until `until` is set or SIGTERM or SIGINT comes; return whether a signal came.
+
+    An error in the step ends the run: an emergency is sent, then the error is raised here.
+    look: is called every `every_s` seconds
+    """
     loop, came = asyncio.get_running_loop(), asyncio.Event()
     failed: list[BaseException] = []
     station.manager = manager or station.manager

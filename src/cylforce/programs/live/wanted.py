@@ -1,5 +1,4 @@
-"""Which frames our node has to see: its sensors', what is sent to it, and its own identifiers, which nobody else may
-use."""
+"""Frames that our node needs: its sensors', its own requests, and its own identifiers, which nobody else may use."""
 
 from collections.abc import Iterable
 
@@ -13,8 +12,10 @@ _NMT, _SYNC, _EMERGENCY, _ANSWER, _REQUEST, _HEARTBEAT = 0, 0x80, 0x80, 0x580, 0
 
 
 def wanted(service: Service, subscribed: Iterable[int] = ()) -> tuple[Filter, ...]:
-    """Filters for `Bus.accept`; `subscribed`: identifiers that the node asks for besides (1016h may have been
-    changed)."""
+    """Return filters for `Bus.accept`.
+
+    subscribed: further identifiers that the node needs (1016h may have been changed)
+    """
     found = {_NMT, _SYNC, _REQUEST + service.node_id, *Supervisor(service).ours, *subscribed}
     for node in service.nodes:
         found |= {base + node.node_id for base in (_EMERGENCY, _ANSWER, _HEARTBEAT)}

@@ -1,1 +1,1 @@
-"""HTML reports: figures, tables and texts of commissioning and diagnosis. Work here on what a report shows."""
+"""HTML reports: figures, tables and texts of commissioning and diagnosis. Work here on the content of a report."""

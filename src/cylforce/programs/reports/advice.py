@@ -1,5 +1,7 @@
-"""What to do about an identification, in sentences for a reader at the machine. Pure; degrees and per cent are for
-that reader."""
+"""Advice after an identification, in sentences for a reader at the machine.
+
+Pure; degrees and per cent are for that reader.
+"""
 
 from typing import NamedTuple
 
@@ -21,15 +23,24 @@ MOST = 5  # details of a step
 
 
 class Advised(NamedTuple):
-    """What to do next, and where."""
+    """Next step for the reader.
+
+    text:    the step
+    details: lines below it
+    """
 
     text: str
     details: tuple[str, ...] = ()
 
 
 class Undetermined(NamedTuple):
-    """A parameter that the recording does not determine: its name, what it is, its contribution to the weight's
-    standard error [kg], the cure."""
+    """Parameter that the recording does not determine.
+
+    name:    its name
+    meaning: its meaning
+    mass:    its contribution to the weight's standard error [kg]
+    cure:    the cure
+    """
 
     name: str
     meaning: str
@@ -38,13 +49,12 @@ class Undetermined(NamedTuple):
 
 
 def middle(expected: Expected) -> float:
-    """The median over all postures of a weight's standard error [kg], which is infinite where nothing can be
-    weighed."""
+    """Return the median over all postures of a weight's standard error [kg]; infinite where nothing can be weighed."""
     return float(np.median(np.nan_to_num(expected.standard_error, nan=np.inf)))
 
 
 def gap_sentences(machine: Machine, gaps: tuple[Missing, ...]) -> tuple[str, ...]:
-    """What is missing, for a reader at the machine: one sentence for both ways of the same motion."""
+    """Return sentences on missing motion, for a reader at the machine: one for both directions of the same motion."""
     alike: dict[tuple[int, float, float, Pace], list[Missing]] = {}
     for gap in gaps:
         alike.setdefault((gap.joint, gap.low, gap.high, gap.pace), []).append(gap)
@@ -60,12 +70,12 @@ def _gap_sentence(machine: Machine, gaps: list[Missing]) -> str:
 
 
 def usable_share(machine: Machine, expected: Expected) -> float:
-    """The share of the working range in which a weight is good enough to be booked."""
+    """Return the share of the working range in which a weight is good enough to be booked."""
     return float(np.mean(np.nan_to_num(expected.standard_error, nan=np.inf) <= GOOD_ENOUGH * machine.rated_payload))
 
 
 def undetermined(found: Identification, expected: Expected) -> tuple[Undetermined, ...]:
-    """What the recording does not determine, the largest contribution first."""
+    """Return the parameters that the recording does not determine, the largest contribution first."""
     each = dict(zip(found.tares.names, cost(found.tares, expected), strict=True))
     lost = []
     for name in found.not_identified:
@@ -78,7 +88,7 @@ def undetermined(found: Identification, expected: Expected) -> tuple[Undetermine
 def next_steps(
     found: Identification, expected: Expected, lost: tuple[Undetermined, ...], gaps: tuple[str, ...], covered: float
 ) -> tuple[Advised, ...]:
-    """What to do next, the gravest first."""
+    """Return the next steps, the most important first."""
     machine = found.model.machine
     matter = tuple(f"{u.name} ({u.meaning}, {u.mass:.1f} kg): {u.cure}" for u in lost if matters(machine, u))
     steps = []
@@ -111,12 +121,12 @@ def next_steps(
 
 
 def matters(machine: Machine, lost: Undetermined) -> bool:
-    """Whether it is worth a sentence."""
+    """Return whether the parameter contributes enough for a sentence."""
     return not lost.mass <= MATTERS * machine.rated_payload
 
 
 def _where_weak(found: Identification, expected: Expected) -> str:
-    """Why the weight is not good enough everywhere: the rows' noise or the tares."""
+    """Return a sentence why the weight is not good enough everywhere: the rows' noise or the tares."""
     known = np.isfinite(expected.standard_error)
     if not np.any(known):
         return "With these tares no weight is good enough anywhere: see below what the recording does not determine."

@@ -50,19 +50,21 @@ _SIZE = re.compile(r"\s(?:width|height)=\"[^\"]*\"")  # the page decides
 
 @contextmanager
 def style(salt: str) -> Iterator[None]:
-    """The look of all figures; `salt` keeps the names inside one figure apart from those of the others."""
+    """Apply the style of all figures.
+
+    salt: keeps the names inside one figure apart from those of the others
+    """
     with rc_context({**_STYLE, "svg.hashsalt": salt}):
         yield
 
 
 def canvas(height: float) -> Figure:
-    """An empty figure, as wide as the page, `height` inches high."""
+    """Return an empty figure, as wide as the page, `height` inches high."""
     return Figure(figsize=(WIDTH, height), layout="constrained")
 
 
 def svg(figure: Figure, description: str) -> str:
-    """The figure as an element of HTML, with `description` as its description for screen readers; it contains no
-    address."""
+    """Return the figure as an element of HTML, with `description` for screen readers; it contains no address."""
     out = io.StringIO()
     figure.savefig(out, format="svg", dpi=130, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     _, tag, rest = re.split(r"<svg([^>]*)>", out.getvalue(), maxsplit=1)
@@ -71,18 +73,18 @@ def svg(figure: Figure, description: str) -> str:
 
 
 def nothing(axes: Axes) -> None:
-    """In place of a figure without data."""
+    """Draw a note instead of a figure without data."""
     axes.set_axis_off()
     axes.text(0.5, 0.5, "no usable motion", ha="center", color=RED, transform=axes.transAxes)
 
 
 def noted(axes: Axes, x: float, y: float, text: str) -> None:
-    """A note right of the end of a bar."""
+    """Draw a note right of the end of a bar."""
     axes.annotate(text, (x, y), xytext=(5, 0), textcoords="offset points", va="center")
 
 
 def banded(axes: Axes, x: Array, y: Array, edges: Array, colour: str) -> None:
-    """Mean and standard deviation of y (T,) within bins of x (T,), drawn over a cloud of points."""
+    """Draw mean and standard deviation of y (T,) within bins of x (T,), over a cloud of points."""
     part = np.digitize(x, edges) - 1
     within = [y[np.logical_and(part == k, np.isfinite(y))] for k in range(len(edges) - 1)]
     kept = [k for k, values in enumerate(within) if len(values) >= 20]
@@ -92,7 +94,7 @@ def banded(axes: Axes, x: Array, y: Array, edges: Array, colour: str) -> None:
 
 
 def cloud(figure: Figure, axes: Axes, speed: Array, seen: Array, force: Array) -> None:
-    """Measured forces (T,) [N] over a cylinder's speed (T,) [m/s], coloured by its own force (T,) [N]."""
+    """Draw measured forces (T,) [N] over a cylinder's speed (T,) [m/s], coloured by its own force (T,) [N]."""
     points = axes.scatter(speed * 1e3, seen * 1e-3, c=force * 1e-3, s=3, alpha=0.6, linewidths=0, rasterized=True)
     bar = figure.colorbar(points, ax=axes, label="cylinder force [kN]", location="bottom", aspect=40, pad=0.02)
     if bar.solids is not None:
@@ -100,6 +102,6 @@ def cloud(figure: Figure, axes: Axes, speed: Array, seen: Array, force: Array) -
 
 
 def bounded(axes: Axes, values: Array) -> None:
-    """Limits of y that show nearly all values (T,), both signs alike."""
+    """Set limits of y that include nearly all values (T,), both signs alike."""
     most = 1.2 * float(np.percentile(np.abs(values), SHOWN)) + 1e-6
     axes.set_ylim(-most, most)

@@ -21,9 +21,15 @@ REST = 3.0  # times the speed that rounds the friction's direction: from there o
 
 
 class DrawnSamples(NamedTuple):
-    """Samples of a stretch, all passed through the same filters: `measured` and `predicted` torque (T, R) [N m], NaN
-    where a row is not usable; angles `posture` (T, N) [rad] of `drive`; of the cylinders `speed` (T, C) [m/s], `force`
-    (T, C) [N] and own `lever` (T, C) [m/rad] about the joint that each moves."""
+    """Samples of a stretch, all passed through the same filters.
+
+    measured:  (T, R) torque [N m], NaN where a row is not usable
+    predicted: (T, R) torque [N m]
+    posture:   (T, N) angles of `drive` [rad]
+    speed:     (T, C) of the cylinders [m/s]
+    force:     (T, C) of the cylinders [N]
+    lever:     (T, C) of each cylinder about the joint that it moves [m/rad]
+    """
 
     measured: Array
     predicted: Array
@@ -34,7 +40,12 @@ class DrawnSamples(NamedTuple):
 
 
 class DrawnMinute(NamedTuple):
-    """The minute that shows most: recording, times (T,) [s] from its own start, samples."""
+    """Minute with the most motion.
+
+    recording: its name
+    t:         (T,) time from the recording's start [s]
+    seen:      samples
+    """
 
     recording: str
     t: Array
@@ -42,8 +53,15 @@ class DrawnMinute(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """All that is drawn of a recording: some thousand `points` all over it, the `stretch`, coverage `seconds` (M, BINS,
-    2, 2) of a `plan`, `planes` (M-1, BINS, BINS) [s], `duration` [s]."""
+    """Data of a recording for all figures.
+
+    points:   some thousand samples, evenly spread
+    stretch:  minute with the most motion
+    plan:     plan of the coverage
+    seconds:  (M, BINS, 2, 2) coverage of the plan [s]
+    planes:   (M-1, BINS, BINS) coverage of pairs of joints [s]
+    duration: of the recording [s]
+    """
 
     points: DrawnSamples
     stretch: DrawnMinute
@@ -54,7 +72,12 @@ class Drawn(NamedTuple):
 
 
 class _Sum(NamedTuple):
-    """What adds up over the pieces."""
+    """Sums over the pieces, as in `Drawn`.
+
+    seconds:  coverage of the plan [s]
+    planes:   coverage of pairs of joints [s]
+    duration: [s]
+    """
 
     seconds: Array
     planes: Array
@@ -62,9 +85,10 @@ class _Sum(NamedTuple):
 
 
 def evidence(model: Model, tares: Tares, segments: Iterable[tuple[str, Array]]) -> Drawn:
-    """From (name of the recording, gapless samples (T, S)).
+    """Return the data for figures from pairs of recording name and gapless samples (T, S).
 
-    Raises ValueError when no stretch is long enough."""
+    Raises ValueError when no stretch is long enough.
+    """
     wanted = plan(model.machine, REST * model.filters.direction_speed)
     kept: list[DrawnSamples] = []
     total: _Sum | None = None
@@ -87,7 +111,7 @@ def _pieces(model: Model, segments: Iterable[tuple[str, Array]]) -> Iterator[tup
 
 
 def seen(model: Model, tares: Tares, wanted: Plan, values: Array) -> DrawnSamples:
-    """Samples (T, S) of a gapless stretch, without the filters' start."""
+    """Return the samples of a gapless stretch (T, S), without the filters' start."""
     rows = observe(model, values)
     moved = drives(model, wanted.joints, wanted.cylinders, values)
     posture = drive_angles(model.machine, rows.posture)
@@ -95,8 +119,11 @@ def seen(model: Model, tares: Tares, wanted: Plan, values: Array) -> DrawnSample
 
 
 def drives(model: Model, joints: Sequence[int], cylinders: Sequence[int], values: Array) -> tuple[Array, Array, Array]:
-    """Speed (T, C) [m/s] and force (T, C) [N] of the cylinders, and their levers (T, C) [m/rad] about the joints that
-    they move, of samples (T, S), without the filters' start."""
+    """Return speed (T, C) [m/s], force (T, C) [N] and lever (T, C) [m/rad] of the cylinders.
+
+    Each lever is about the joint that the cylinder moves. The filters' start is excluded.
+    values: (T, S) samples
+    """
     motion = model.channels.run(values).motion
     own = np.zeros(motion.speed.shape)
     for j, c in zip(joints, cylinders, strict=True):
@@ -106,7 +133,7 @@ def drives(model: Model, joints: Sequence[int], cylinders: Sequence[int], values
 
 
 def _through(filters: Filters, x: Array) -> Array:
-    """Delayed and smoothed as torque and columns are."""
+    """Return x delayed and smoothed like torque and columns."""
     dt = 1.0 / filters.rate_hz
     for made in (first_order(filters.regressor_hz, dt), second_order(filters.smoothing_hz, dt)):
         _, x = made.run(made.steady(x[0]), x)
@@ -125,14 +152,14 @@ def _every(part: DrawnSamples, step: int) -> DrawnSamples:
 
 
 def _thinned(kept: list[DrawnSamples], step: int) -> tuple[list[DrawnSamples], int]:
-    """No more than MOST_POINTS in all, evenly over the recording."""
+    """Return at most MOST_POINTS samples, evenly spread over the recording."""
     while sum(len(part.speed) for part in kept) > MOST_POINTS:
         kept, step = [_every(part, 2) for part in kept], 2 * step
     return kept, step
 
 
 def _worth(wanted: Plan, part: DrawnSamples) -> float:
-    """How much of the joints' ranges a stretch shows, in usable rows."""
+    """Return the share of the joints' ranges in a stretch, times its usable rows."""
     swing = np.std(part.posture[:, list(wanted.joints)], axis=0) / (wanted.edges[:, -1] - wanted.edges[:, 0])
     return float(np.sum(swing) * np.sum(np.isfinite(part.measured)))
 
@@ -143,7 +170,7 @@ def _stretch(name: str, part: DrawnSamples, filters: Filters) -> DrawnMinute:
 
 
 def push(model: Model, part: DrawnSamples, joint: int, cylinder: int) -> Array:
-    """Residual of a joint's torque as force (T,) [N] of its cylinder, NaN where its lever is too short."""
+    """Return the residual of a joint's torque as force (T,) [N] of its cylinder; NaN where its lever is too short."""
     if joint not in model.machine.rows:
         return np.full(len(part.speed), np.nan)
     row, lever = model.machine.rows.index(joint), part.lever[:, cylinder]
@@ -152,8 +179,10 @@ def push(model: Model, part: DrawnSamples, joint: int, cylinder: int) -> Array:
 
 
 def friction(model: Model, tares: Tares, cylinder: int, speed: Array, force: Array) -> tuple[Array, Array]:
-    """Identified friction (T,) [N] of a cylinder at speeds [m/s] and forces [N], and its standard error (T,) [N]: the
-    model's own laws, on a lever of 1 m."""
+    """Return the friction (T,) [N] of a cylinder at speeds [m/s] and forces [N], and its standard error (T,) [N].
+
+    It is computed from the model's own laws on a lever of 1 m.
+    """
     size = len(model.machine.cylinders)
     still, level = np.zeros((len(speed), size)), np.zeros(len(speed))
     lever = np.broadcast_to(np.eye(size), (len(speed), size, size))

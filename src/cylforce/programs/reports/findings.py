@@ -1,5 +1,7 @@
-"""What the report says in words and numbers: verdicts, what to do next, what the recording does not determine. Pure;
-degrees and per cent are for the reader."""
+"""Content of the report in words and numbers: verdicts, next steps, undetermined parameters.
+
+Pure; degrees and per cent are for the reader.
+"""
 
 from typing import NamedTuple
 
@@ -23,12 +25,19 @@ from cylforce.programs.reports.advice import (
 )
 from cylforce.programs.reports.evidence import Drawn
 
-EXPLAINED = 0.99  # of a joint's torque: what machines in order exceed (tools/studies/unexplained.py)
+EXPLAINED = 0.99  # of a joint's torque: healthy machines exceed it (tools/studies/unexplained.py)
 MOST_LIMITS = 8
 
 
 class Card(NamedTuple):
-    """A number that is read first: `good` or to be looked at; `bad`: not to go into service."""
+    """Number that is read first.
+
+    title: its name
+    value: its value
+    note:  a note below it
+    good:  whether it is good; else it is to be checked
+    bad:   whether it forbids operation
+    """
 
     title: str
     value: str
@@ -38,8 +47,14 @@ class Card(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What the tares leave of one joint's torque: rms, the largest measured torque [N m], what one sample of it would
-    be in a payload [kg], and the share of the torque that is `explained`."""
+    """Residual of one joint's torque.
+
+    joint:     name of the link
+    rms:       of the residual [N m]
+    largest:   largest measured torque [N m]
+    mass:      payload that one sample of the residual corresponds to [kg]
+    explained: share of the torque that is explained
+    """
 
     joint: str
     rms: float
@@ -49,13 +64,21 @@ class Row(NamedTuple):
 
     @property
     def bad(self) -> bool:
-        """Whether too little of the torque is explained."""
+        """True where too little of the torque is explained."""
         return self.explained < LITTLE
 
 
 class ParameterLine(NamedTuple):
-    """A line of the table: data sheet and identified, each with its standard error; `determined`: determined by the
-    recording."""
+    """Line of the table of parameters.
+
+    name:        of the parameter
+    unit:        of the parameter
+    sheet:       value of the data sheet
+    sheet_error: its standard error
+    value:       identified value
+    error:       its standard error
+    determined:  whether the recording determines it
+    """
 
     name: str
     unit: str
@@ -67,8 +90,19 @@ class ParameterLine(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """Everything that is concluded; `grid` and `expected` of the working range, `sheet` before the
-    identification; `limits`: what limits the weight at the median posture, (name, kg), the gravest first."""
+    """Conclusions of an identification.
+
+    cards:        numbers that are read first
+    steps:        next steps
+    rows:         residuals of the joints
+    undetermined: parameters that the recording does not determine
+    gaps:         sentences on missing motion
+    parameters:   lines of the table
+    grid:         postures of the working range
+    expected:     error of a weight in these postures
+    sheet:        the error before the identification
+    limits:       (name, kg) contributions to the error at the median posture, the largest first
+    """
 
     cards: tuple[Card, ...]
     steps: tuple[Advised, ...]
@@ -83,7 +117,7 @@ class Findings(NamedTuple):
 
 
 def findings(found: Identification, shown: Drawn) -> Findings:
-    """Conclusions from an identification and what its recording shows."""
+    """Return the conclusions from an identification and the motion of its recording."""
     grid = postures(found.model.machine)
     expected = expected_error(found.model, found.tares, grid.theta)
     sheet = expected_error(found.model, found.model.data_sheet, grid.theta)
@@ -135,13 +169,15 @@ def _cards(found: Identification, shown: Drawn, expected: Expected, lost: tuple[
 
 
 def _explained(found: Identification) -> float:
-    """The share of the worst joint's torque that is explained; 0 for a joint that was never seen."""
+    """Return the explained share of the worst joint's torque; 0 for a joint that never moved."""
     return float(np.min(np.nan_to_num(found.explained, nan=0.0)))
 
 
 def _limits(found: Identification, expected: Expected) -> tuple[tuple[str, float], ...]:
-    """What limits the weight, the largest first: unexplained torque, scale, single tares, each with its part of the
-    standard error [kg]."""
+    """Return the contributions to the weight's standard error [kg], the largest first.
+
+    They are unexplained torque, scale and single tares.
+    """
     known = np.isfinite(expected.noise)
     if not np.any(known):
         return ()
@@ -152,9 +188,9 @@ def _limits(found: Identification, expected: Expected) -> tuple[tuple[str, float
 
 
 def _rows(found: Identification, shown: Drawn, grid: PostureGrid) -> tuple[Row, ...]:
-    """What is left of each row's torque."""
+    """Return the residual of each joint's torque."""
     machine = found.model.machine
-    arms = machine.tool_point(grid.theta).gradient.imag  # what a weight at the tool does to each joint
+    arms = machine.tool_point(grid.theta).gradient.imag  # torque of a weight at the tool at each joint, per newton
     mass = found.tares.row_error / (9.81 * np.median(np.abs(arms[..., machine.rows]), axis=(0, 1)))
     largest = np.max(np.abs(shown.points.measured), axis=0, initial=0.0, where=np.isfinite(shown.points.measured))
     names = (machine.links[j].name for j in machine.rows)

@@ -27,7 +27,7 @@ SPEED_BINS = 16
 
 
 def torques(found: Identification, shown: Drawn) -> Figure:
-    """Per joint: measured and predicted torque over the stretch, what is left of it, and the one against the other."""
+    """Draw for each joint measured and predicted torque over the stretch, the residual, and one over the other."""
     machine = found.model.machine
     figure = canvas(0.4 + 2.35 * len(machine.rows))
     outer = figure.add_gridspec(len(machine.rows), 2, width_ratios=(4.2, 1.0))
@@ -41,7 +41,7 @@ def torques(found: Identification, shown: Drawn) -> Figure:
 
 
 def _series(figure: Figure, place: SubplotSpec, stretch: DrawnMinute, row: int, last: bool) -> Axes:
-    """Measured and predicted, below them the difference."""
+    """Draw measured and predicted torque, and below them the difference."""
     inner = place.subgridspec(2, 1, height_ratios=(2.6, 1.0), hspace=0.0)
     upper = figure.add_subplot(inner[0])
     lower = figure.add_subplot(inner[1], sharex=upper)
@@ -74,7 +74,7 @@ def _against(axes: Axes, points: DrawnSamples, row: int) -> None:
 
 
 def residuals(found: Identification, shown: Drawn) -> Figure:
-    """Per cylinder, over its speed: identified friction and the samples; below, what no law explains."""
+    """Draw for each cylinder, over its speed, identified friction and the samples; below, the residual."""
     machine, wanted = found.model.machine, shown.plan
     pairs = [(j, c) for j, c in zip(wanted.joints, wanted.cylinders, strict=True) if j in machine.rows]
     figure = canvas(5.4)
@@ -94,7 +94,7 @@ def residuals(found: Identification, shown: Drawn) -> Figure:
 
 
 def _law(figure: Figure, axes: Axes, found: Identification, points: DrawnSamples, left: Array, c: int) -> None:
-    """The friction law at the median force, with its 95 % band, over the samples that it was fitted to."""
+    """Draw the friction law at the median force, with its 95 % band, over the samples that it was fitted to."""
     good = np.isfinite(left)
     speed, force = points.speed[good, c], points.force[good, c]
     seen = friction(found.model, found.tares, c, speed, force)[0] + left[good]
@@ -117,7 +117,7 @@ def _left(axes: Axes, speed: Array, left: Array) -> None:
 
 
 def laws(found: Identification) -> Figure:
-    """Error of every friction law tried, in postures left out of its fit, in units of the noise of each joint."""
+    """Draw the error of every friction law tried, in postures excluded from its fit, in units of each joint's noise."""
     names = list(found.held_out)
     error = np.sqrt([found.held_out[name] for name in names])
     kept = [name in found.model.friction for name in names]

@@ -1,4 +1,6 @@
-"""Figures of a gap: evidence, pressures at the worst place, heat map, friction map, signatures, waterfall."""
+"""Figures of a gap: evidence, pressures at the joint with the largest gap, heat map, friction map, signatures,
+waterfall.
+"""
 
 from typing import Any
 
@@ -70,7 +72,9 @@ def bars(found: Diagnosis) -> Figure:
 
 
 def pressures(picture: Picture, *, named: bool) -> Figure:
-    """Draw the pressure at the worst place over time: measured, simulated before, and with the named causes."""
+    """Draw the pressure at the joint with the largest gap over time: measured, simulated before, and with the named
+    causes.
+    """
     figure = canvas(3.2)
     axes = figure.subplots()
     axes.plot(picture.t, picture.measured, color=INK, linewidth=2.2, label="measured")
@@ -84,8 +88,11 @@ def pressures(picture: Picture, *, named: bool) -> Figure:
 
 
 def heat(shown: Heat, found: set[tuple[str, str]], *, taken: bool) -> Figure:
-    """Joint by regime, before and after, in units of the normal residual; (joint, regime) in `found` framed; `taken`:
-    effects were taken out."""
+    """Draw joint by regime, before and after, in units of the normal residual.
+
+    found: pairs of joint and regime that are framed
+    taken: whether effects were removed
+    """
     figure = canvas(1.1 + 0.82 * len(shown.joints))
     axes = figure.subplots(2, 1, sharex=True)
     image = _cells(axes[0], shown, shown.before)
@@ -117,7 +124,10 @@ def _framed(axes: Axes, x: int, y: int) -> None:
 
 
 def friction(question: FieldQuestion, shown: Shown) -> Figure:
-    """Residual of every joint as force of its cylinder, over speed, coloured by the cylinder's force; before, after."""
+    """Draw the residual of every joint as force of its cylinder over speed, before and after.
+
+    The colour is the cylinder's force.
+    """
     model = question.machine.regressors.model
     pairs = list(zip(*movers(question), strict=True))
     figure = canvas(6.0)
@@ -149,7 +159,7 @@ def _pushed(figure: Figure, axes: Axes, part: DrawnSamples, force: Array, c: int
 
 
 def overlays(shown: tuple[Overlay, ...]) -> Figure:
-    """Each named effect over the residual, where it shows most; below, what it leaves."""
+    """Draw each named effect over the residual, where it is largest; below, the remaining residual."""
     figure = canvas(0.3 + 2.7 * len(shown))
     places = figure.add_gridspec(len(shown), 1)
     for k, each in enumerate(shown):

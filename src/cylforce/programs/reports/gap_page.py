@@ -19,7 +19,8 @@ NO_CONTENT: dict[str, Any] = {"lines": (), "rivals": (), "least": (), "figures":
 def gap_page(found: Diagnosis | None, answer: Mapping[str, Any], said: Plain, origin: Mapping[str, Any]) -> str:
     """Return the HTML.
 
-    found:  None where nothing could be concluded
+    found:  the diagnosis; None where nothing could be concluded
+    answer: the answer as in the JSON file
     said:   the answer in plain words
     origin: machine, files with their hashes and loads, date, version
     """

@@ -1,4 +1,4 @@
-"""What the report of a gap draws, from the diagnosis: pure."""
+"""Data for the report of a gap, from the diagnosis: pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,10 +25,11 @@ SEED = 1  # of the bootstrap of a closure, which is not drawn
 class Heat:
     """Residual [N m, rms] of R joints in G regimes.
 
-    joints:        names (R)
-    regimes:       names (G)
-    before, after: (R, G) with no effect, and with the named effects simulated
-    healthy:       (R, G) of a healthy machine
+    joints:  names (R)
+    regimes: names (G)
+    before:  (R, G) with no effect
+    after:   (R, G) with the named effects simulated
+    healthy: (R, G) of a healthy machine
     """
 
     joints: tuple[str, ...]
@@ -62,9 +63,9 @@ class Overlay:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the residual.
+    """Step of the residual's reduction.
 
-    label:    what is done
+    label:    name of the step
     residual: (R,) [N m, rms]
     """
 
@@ -74,13 +75,14 @@ class Step:
 
 @dataclass(frozen=True)
 class Shown:
-    """Everything that is drawn.
+    """Data for all figures.
 
-    heat:          joints by regimes
-    before, after: samples of all field recordings, thinned; the residual as measured torque
-    overlays:      of the named effects
-    steps:         how the residual falls
-    picture:       pressure at the worst place, measured and simulated
+    heat:     joints by regimes
+    before:   samples of all field recordings before the causes, thinned; the residual as measured torque
+    after:    the same samples after the causes
+    overlays: of the named effects
+    steps:    reduction of the residual
+    picture:  pressure at the joint with the largest gap, measured and simulated
     """
 
     heat: Heat
@@ -92,7 +94,7 @@ class Shown:
 
 
 def shown(found: Diagnosis) -> Shown:
-    """Return what is drawn of a diagnosis; of a working machine no effect as simulated."""
+    """Return the data of a diagnosis for all figures; of a working machine no effect is simulated."""
     question, both = found.evidence.found.question, found.simulated
     causes = [named.cause for named in found.named] if found.evidence.found.work is None else []
     stages = [
@@ -176,7 +178,7 @@ def _overlay(
 
 
 def readable(key: tuple[str, str]) -> str:
-    """Return name and place of an effect in words."""
+    """Return name and location of an effect in words."""
     return f"{key[0].replace('_', ' ')} at {key[1]}" if key[1] else key[0]
 
 

@@ -1,4 +1,4 @@
-"""What the report of a gap says in words and numbers, in the reader's units: pure."""
+"""Content of the report of a gap in words and numbers, in the reader's units: pure."""
 
 from typing import Any, NamedTuple
 
@@ -13,12 +13,21 @@ from cylforce.programs.reports.units import interval, shown
 from cylforce.programs.wording.fault_words import fault, place
 from cylforce.signals.kinds import Kind
 
-FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # numbers of an effect's form that say something, with SI unit
+FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # shape parameters with a meaning for the reader, with SI unit
 LEAST_TOLD = 0.01  # probability of a rival that is listed
 
 
 class CauseLine(NamedTuple):
-    """A cause that is named, for the table."""
+    """Named cause in the table.
+
+    effect:     name of the effect
+    at:         its location
+    size:       its size with unit
+    interval:   90 % interval of the size
+    form:       shape parameters
+    confidence: its probability
+    shows:      where the effect is visible
+    """
 
     effect: str
     at: str
@@ -30,7 +39,14 @@ class CauseLine(NamedTuple):
 
 
 class Rival(NamedTuple):
-    """What might be the cause instead: how probable it is, and how to confirm it."""
+    """Cause that is possible instead of the named one.
+
+    named:       the named cause
+    rival:       the other one
+    probability: its probability
+    close:       whether it may be confused with the named one
+    confirm:     check that confirms it
+    """
 
     named: str
     rival: str
@@ -40,7 +56,12 @@ class Rival(NamedTuple):
 
 
 class Least(NamedTuple):
-    """Smallest detectable sizes of one effect, (place, size, whether implausibly large) each."""
+    """Smallest detectable sizes of one effect.
+
+    effect:    its name
+    plausible: range of its plausible sizes
+    places:    location, size, and whether the size is implausibly large
+    """
 
     effect: str
     plausible: str
@@ -48,7 +69,7 @@ class Least(NamedTuple):
 
 
 def lines(machine: Machine, found: Diagnosis, answer: dict[str, Any]) -> tuple[CauseLine, ...]:
-    """The named causes."""
+    """Return the named causes."""
     return tuple(
         _line(machine, named.cause.proposal, effect)
         for named, effect in zip(found.named, answer["effects"], strict=True)
@@ -74,7 +95,7 @@ def _line(machine: Machine, proposal: Proposal, effect: dict[str, Any]) -> Cause
 
 
 def unit_of(machine: Machine, proposal: Proposal) -> str:
-    """SI unit of an effect's size; a joint's angle may be measured as a cylinder's length."""
+    """Return the SI unit of an effect's size; a joint's angle may be measured as a cylinder's length."""
     unit = proposal.about.unit
     if unit != "rad (m)":
         return unit
@@ -82,7 +103,7 @@ def unit_of(machine: Machine, proposal: Proposal) -> str:
 
 
 def rivals(machine: Machine, found: Diagnosis) -> tuple[Rival, ...]:
-    """Return what else it may be, the most probable first."""
+    """Return the other possible causes, the most probable first."""
     evidence, rows = found.evidence, []
     about = {(p.name, p.at): p.about for p in evidence.found.question.machine.layout.proposals}
     for n in found.named[:1]:
@@ -96,7 +117,7 @@ def rivals(machine: Machine, found: Diagnosis) -> tuple[Rival, ...]:
 
 
 def least(found: Diagnosis) -> tuple[Least, ...]:
-    """Return the smallest detectable size (5 sigma) of every effect at every place."""
+    """Return the smallest detectable size (5 sigma) of every effect at every location."""
     best: dict[str, list[tuple[float, Proposal]]] = {}
     question, sizes = found.evidence.found.question, smallest_detectable(found.evidence.found)
     for proposal in {(p.name, p.at): p for p in question.machine.layout.proposals}.values():

@@ -29,12 +29,14 @@ MUCH_S = 6.0  # seconds from which on a cell has the darkest colour
 CLASSES = (0.0, 0.25, 0.5, 1.0, 2.0, 5.0, 100.0)  # per cent of the rated payload
 COLOURS = ("#1a7a3c", "#5fae6e", "#b9dcae", "#f4d58d", "#e8915b", "#b5342c")
 NEVER = "#f6d9d5"
-WIDE = 4.0  # of the data sheet's tolerances: what lies farther out stands at the edge
+WIDE = 4.0  # of the data sheet's tolerances: values farther out are drawn at the edge
 
 
 def covered(machine: Machine, shown: Drawn) -> Figure:
-    """Per joint the seconds per angle, way and pace, what is missing framed; beside it the joints against each
-    other."""
+    """Draw for each joint the seconds by angle, direction and pace, with missing ones framed.
+
+    Beside them are the seconds of pairs of joints.
+    """
     count = len(shown.plan.joints)
     figure = canvas(0.5 + 2.0 * count)
     axes = figure.subplots(count, 2, squeeze=False, width_ratios=(2.4, 1.0))
@@ -84,8 +86,10 @@ def _plane(axes: Axes, seconds: Array, first: Array, second: Array) -> None:
 
 
 def weighing(machine: Machine, concluded: Findings) -> Figure:
-    """The standard error of a rated payload where the tool can be, with a sketch of the arm; beside it what limits
-    it."""
+    """Draw the standard error of a rated payload over the tool's working range, with a sketch of the arm.
+
+    Beside it are the contributions to the error.
+    """
     figure = canvas(4.8)
     axes, beside = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     _map(figure, axes, machine, concluded)
@@ -134,7 +138,7 @@ def _arm(axes: Axes, machine: Machine, theta: Array) -> None:
 
 
 def parameters(concluded: Findings) -> Figure:
-    """Bodies in units of the data sheet's tolerance; friction in its own."""
+    """Draw parameters of bodies in units of the data sheet's tolerance."""
     bodies = [p for p in concluded.parameters if p.unit.startswith("kg")]
     figure = canvas(1.1 + 0.27 * len(bodies))
     axes = figure.subplots()

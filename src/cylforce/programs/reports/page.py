@@ -17,7 +17,10 @@ from cylforce.programs.reports.template import Wanted, drawn, rendered
 
 
 def page(found: Identification, shown: Drawn, concluded: Findings, origin: Mapping[str, Any]) -> str:
-    """The HTML. `origin`: what identified.toml says of its provenance, its own name `output` and `output_sha256`."""
+    """Return the HTML.
+
+    origin: provenance in identified.toml, its own name `output` and `output_sha256`
+    """
     machine = found.model.machine
     return rendered(
         "page.html.j2",

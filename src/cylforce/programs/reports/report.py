@@ -1,5 +1,4 @@
-"""The reports, each one file of HTML: of `cylforce identify`, how well the machine is known; of `cylforce gap`,
-why it differs from its model."""
+"""Reports, each one file of HTML: of `cylforce identify` and of `cylforce gap`."""
 
 import tomllib
 from collections.abc import Iterable
@@ -23,7 +22,7 @@ NEEDED = ("matplotlib", "jinja2")
 
 
 def check_extra() -> None:
-    """Before anything is computed: is what the report needs installed? Raises RecordingError."""
+    """Check, before any computation, that the packages of a report are installed. Raises RecordingError."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise RecordingError(f"a report needs {' and '.join(missing)}: pip install 'cylforce[report]'")
@@ -52,7 +51,7 @@ def write_report(
 
 
 def gap_report(loaded: Loaded, question: Question, found: Diagnosed, watch: Watch = silent) -> str:
-    """The report of a diagnosis, as HTML."""
+    """Return the report of a diagnosis, as HTML."""
     from cylforce.programs.reports.gap_page import gap_page
 
     watch("drawing the report", None)

@@ -1,4 +1,4 @@
-"""How templates and figures become a page, whichever the report."""
+"""Pages from templates and figures, for all reports."""
 
 from collections.abc import Callable
 from importlib.resources import files
@@ -10,16 +10,16 @@ from matplotlib.figure import Figure
 
 from cylforce.programs.reports.drawing import style, svg
 
-Wanted = dict[str, tuple[Callable[[], Figure], str]]  # figures by name: how to draw them, what they show in words
+Wanted = dict[str, tuple[Callable[[], Figure], str]]  # figures by name: function that draws them, description in words
 
 
 def rendered(name: str, **values: Any) -> str:  # noqa: ANN401 - any value that the template names
-    """The page that a template of this package makes of values; a name that it misses is an error."""
+    """Return the page from a template of this package and values; a missing value is an error."""
     return templates().get_template(name).render(**values)
 
 
 def templates(package: str | None = None) -> Environment:
-    """The templates of a package, which may use those of this one."""
+    """Return the templates of a package, which may use those of this one."""
     places = [files(name) for name in (package, __package__) if name]
 
     def source(name: str) -> str:
@@ -30,7 +30,7 @@ def templates(package: str | None = None) -> Environment:
 
 
 def drawn(wanted: Wanted) -> dict[str, Markup]:
-    """The figures as elements of HTML."""
+    """Return the figures as elements of HTML."""
     return {name: _drawn(name, *how) for name, how in wanted.items()}
 
 

@@ -1,4 +1,4 @@
-"""SI units and those of the reader at the machine: the one place where a report converts."""
+"""SI units and those of the reader at the machine: all conversions of a report."""
 
 import numpy as np
 
@@ -22,17 +22,17 @@ SHOWN: dict[str, tuple[str, float]] = {
 
 
 def shown(value: float, unit: str) -> str:
-    """A value in SI `unit` as the reader knows it, number and unit on one line."""
+    """Return a value in SI `unit` in the reader's unit, number and unit on one line."""
     name, factor = SHOWN.get(unit, (unit, 1.0))
     return f"{_plain(value * factor)} {name}".replace(" ", NO_BREAK)
 
 
 def interval(low: float, high: float, unit: str) -> str:
-    """From `low` to `high` [SI] likewise."""
+    """Return a range from `low` to `high` [SI] in the reader's unit."""
     factor = SHOWN.get(unit, (unit, 1.0))[1]
     return f"{_plain(low * factor)} to {shown(high, unit)}"
 
 
 def _plain(value: float) -> str:
-    """Three digits, no power of ten."""
+    """Return a number with three digits, without a power of ten."""
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

@@ -1,4 +1,4 @@
-"""Every effect in the words of a service engineer: what is wrong, how much, in units of every day. Pure."""
+"""Effects in the words of a service engineer: the fault and its amount, in workshop units. Pure."""
 
 from typing import Any, NamedTuple
 
@@ -8,8 +8,8 @@ from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.kinds import Kind, Signal
 
-WORKING_SPEED = 0.1  # m/s, at which a friction that grows with speed is told: a cylinder at work; convention
-WORKING_TORQUE = 1e5  # N m, at which a bend is told; convention
+WORKING_SPEED = 0.1  # m/s, at which friction that grows with speed is reported: a cylinder that digs; convention
+WORKING_TORQUE = 1e5  # N m, at which a bend is reported; convention
 SENSORS = {
     Kind.HEAD_PRESSURE: "the head-side pressure sensor of the {} cylinder",
     Kind.ROD_PRESSURE: "the rod-side pressure sensor of the {} cylinder",
@@ -22,7 +22,13 @@ ON_CYLINDERS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN, Kind.CYLI
 
 
 class Words(NamedTuple):
-    """What is wrong, `{}` the place; what a size above and below zero means; whether it sits at a `cylinder`."""
+    """Words of an effect.
+
+    wrong:    the fault; `{}` stands for the location
+    more:     meaning of a size above zero
+    less:     meaning of a size below zero
+    cylinder: whether it is located at a cylinder
+    """
 
     wrong: str
     more: str = ""
@@ -87,7 +93,7 @@ WORDS: dict[str, Words] = {
     NO_GAP[0]: Words("nothing: the machine is in order"),
     UNKNOWN[0]: Words("something that is none of the known faults"),
 }
-# SI unit of a size: the unit that is told, and what of it makes one SI unit.
+# SI unit of a size: the reported unit, and its number in one SI unit.
 TOLD: dict[str, tuple[str, float]] = {
     "N": ("N", 1.0),
     "N s/m": (f"N at {WORKING_SPEED:g} m/s", WORKING_SPEED),
@@ -107,7 +113,7 @@ SILENT = ("soil_contact", "slew_centrifugal", "boom_motion")  # their size is th
 
 
 def fault(machine: Machine, name: str, at: str) -> str:
-    """What is wrong: an effect at its place as a noun with all it needs. An effect of the user's own: its name."""
+    """Return an effect at its location as a noun with its attributes; of the user's own effect its name."""
     words = WORDS.get(name)
     if words is None:
         return f"{name.replace('_', ' ')} at {place(machine, at)}"
@@ -115,10 +121,10 @@ def fault(machine: Machine, name: str, at: str) -> str:
 
 
 def happening_beside(machine: Machine, seconds: float, incident: tuple[str, str] | None) -> str:
-    """Return a sentence on what happens in some blocks beside the cause; empty where nothing does.
+    """Return a sentence on an incident besides the cause; empty without one.
 
-    seconds:  of these blocks
-    incident: name and place; None of something that healthy machines do, too
+    seconds:  duration of its blocks
+    incident: name and location; None of an incident that healthy machines have, too
     """
     if not seconds:
         return ""
@@ -131,12 +137,12 @@ def happening_beside(machine: Machine, seconds: float, incident: tuple[str, str]
 
 
 def cylinder(at: str) -> str:
-    """A cylinder, or all of them."""
+    """Return the words for a cylinder, or for all of them."""
     return "all cylinders" if at == "machine" else f"the {at} cylinder"
 
 
 def place(machine: Machine, at: str) -> str:
-    """A sensor as a mechanic calls it; other places by their names."""
+    """Return a mechanic's words for a sensor, or the name of another location."""
     signal = _signal(machine, at)
     if signal is None or signal.kind not in SENSORS:
         return "the machine" if at == "machine" else at
@@ -149,10 +155,12 @@ def _signal(machine: Machine, at: str) -> Signal | None:
 
 
 def amount(machine: Machine, effect: dict[str, Any], than: str = BEFORE) -> str:
-    """How much, and between which bounds with 90 %; nothing for what has no size that says something. `than`: what the
-    machine is compared with."""
+    """Return the size and its 90 % interval in words; empty for effects whose size has no meaning.
+
+    than: the machine that it is compared with
+    """
     size, unit = effect["parameters"]["size"], effect["parameters"]["size"]["unit"]
-    if effect["name"] in SILENT or "sensors" in effect:  # of clocks, it is said when they are how far apart
+    if effect["name"] in SILENT or "sensors" in effect:  # clocks have sentences of their own
         return ""
     told, factor = _told(machine, effect, unit)
     value, low, high = (size[key] * factor for key in ("value", "low", "high"))
@@ -176,5 +184,5 @@ def _told(machine: Machine, effect: dict[str, Any], unit: str) -> tuple[str, flo
 
 
 def number(value: float) -> str:
-    """Three digits, no power of ten."""
+    """Return a number with three digits, without a power of ten."""
     return f"{float(f'{value:.3g}'):.0f}" if abs(value) >= 100.0 else f"{value:.3g}"

@@ -14,6 +14,6 @@ def joint_name(machine: Machine, causes: Sequence[Key]) -> str:
 
 
 def checks_by_hand(causes: Iterable[Key], proposals: Iterable[Proposal]) -> tuple[str, ...]:
-    """Return what to check by hand, each check once."""
+    """Return the checks by hand of causes, each once."""
     about = {(p.name, p.at): p.about for p in proposals}
     return tuple(dict.fromkeys(about[key].confirm for key in causes if key != NO_GAP and key in about))

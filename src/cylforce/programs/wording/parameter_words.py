@@ -1,4 +1,4 @@
-"""The parameters of the model in words: what each is, and which motion determines it. Pure."""
+"""Parameters of the model in words: their meaning, and the motion that determines each. Pure."""
 
 from cylforce.programs.wording.fault_words import number
 
@@ -23,18 +23,18 @@ UNKNOWN = ("parameter of the model", "move every joint both ways, slowly and fas
 
 
 def meaning(name: str) -> str:
-    """Return what a parameter is, in words."""
+    """Return the meaning of a parameter in words."""
     return MEANING.get(name.rpartition(".")[2], UNKNOWN)[0]
 
 
 def parameter(name: str) -> str:
-    """Return a parameter with its place: `boom.coulomb` is the dry friction of the boom."""
+    """Return a parameter with its location: `boom.coulomb` is the dry friction of the boom."""
     return f"{meaning(name)} of the {name.rpartition('.')[0]}"
 
 
 # Words for a parameter of a link that is too large and too small.
 WEIGHT = {"X": ("too heavy", "too light"), "J": ("too inert", "too little inert")}
-SMALLEST_BASE = 0.05  # of the larger value: below, a change in per cent says nothing
+SMALLEST_BASE = 0.05  # of the larger value: below, a change in per cent has no meaning
 
 
 def parameter_error(name: str, unit: str, model: float, machine: float) -> str:

@@ -9,8 +9,8 @@ from cylforce.mechanics.machine import Machine
 from cylforce.programs.wording.fault_words import BEFORE, THAN, amount, fault, number
 from cylforce.programs.wording.parameter_words import parameter_error
 
-MOST = 0.6  # of a joint's difference, from which on a sentence says when it shows; as for shapes
-MOST_WHEN = 2  # circumstances that are told
+MOST = 0.6  # of a joint's difference, from which on a sentence has its circumstances; as for shapes
+MOST_WHEN = 2  # circumstances in a sentence, at most
 WITHOUT_SAYING = ("empty", "loaded")  # all of it is in one of them where the other was not recorded
 WHEN = {
     "extending": "while its cylinder extends",
@@ -32,28 +32,36 @@ SHAPES = {
     "moments": "it comes for moments only",
 }
 SURE = ((0.95, "Almost certainly"), (0.8, "Very probably"), (0.5, "Probably"), (0.0, "Possibly"))  # convention
-MOST_OF = 0.9  # of a recording: where less was examined, a line says so
-LEAST = 0.01  # probability of a rival that is told
+MOST_OF = 0.9  # of a recording: if less was examined, a line reports it
+LEAST = 0.01  # least probability of a rival in the answer
 NEXT = "Do next"
 Lines = tuple[str, ...]
 
 
 class Paragraph(NamedTuple):
-    """A part of the answer: its title and one line or several."""
+    """Paragraph of the answer.
+
+    title: its title
+    lines: one line or several
+    """
 
     title: str
     lines: Lines
 
 
 class Plain(NamedTuple):
-    """The answer in one sentence, and its parts."""
+    """Answer in plain words.
+
+    headline: the answer in one sentence
+    points:   paragraphs
+    """
 
     headline: str
     points: tuple[Paragraph, ...]
 
 
 def plain(machine: Machine, answer: dict[str, Any]) -> Plain:
-    """Return what is wrong, how much, where, how sure, what else it may be, what it does, what to do next."""
+    """Return the answer in plain words: fault, size, location, probability, other causes, consequences, next steps."""
     points = [Paragraph("Its model", _wrong_parameters(answer))]
     if "identify_first" not in answer or answer["effects"]:
         points += _of_the_cause(machine, answer)
@@ -65,7 +73,7 @@ def plain(machine: Machine, answer: dict[str, Any]) -> Plain:
 
 
 def _of_the_cause(machine: Machine, answer: dict[str, Any]) -> list[Paragraph]:
-    """Return what is said of the cause, or of a difference without one."""
+    """Return the paragraphs on the cause, or on a difference without one."""
     return [
         Paragraph("How much", _sizes(machine, answer)),
         Paragraph("Where", _where(answer)),
@@ -103,13 +111,13 @@ UNLIKE = (
     "These recordings do not suffice: they differ from {normal}, but so may a machine in order that moves otherwise "
     "than in {known}"
 )
-KNOWN_BY = {  # what a recording is compared with, and where that was recorded
+KNOWN_BY = {  # sources of the healthy machine in words
     "references": {"normal": "the references", "known": "its references"},
     "simulation": {"normal": "the simulation", "known": "the simulated recordings"},
     "identification": {"normal": "the identified model", "known": "the recordings of its identification"},
 }
 UNDECIDED = "Something is wrong{there}; which fault it is cannot be said yet{shape}"
-SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault whose size could be told
+SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault with a size
 
 
 def headline(machine: Machine, answer: dict[str, Any]) -> str:
@@ -133,8 +141,10 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
 
 
 def _undecided(answer: dict[str, Any]) -> bool:
-    """Whether nothing is named though some known fault is likelier than none of them: the likeliest did not stand the
-    simulation, or too many may be it."""
+    """Return whether no cause is named though the library's causes together are likelier than an unknown one.
+
+    The simulation refuted the likeliest cause, or too many are possible.
+    """
     known = answer.get("probabilities")
     if answer["verdict"] != Verdict.UNKNOWN or not known:
         return False
@@ -142,7 +152,7 @@ def _undecided(answer: dict[str, Any]) -> bool:
 
 
 def _found(machine: Machine, answer: dict[str, Any]) -> str:
-    """The causes with a word for how sure they are; nothing where there is none."""
+    """Return the causes with a word for their probability; empty without any."""
     return f"{_likely(answer['effects'][0]['confidence'])} {_causes(machine, answer)}" if answer["effects"] else ""
 
 
@@ -156,7 +166,7 @@ def _causes(machine: Machine, answer: dict[str, Any]) -> str:
 
 
 def _either(machine: Machine, effect: dict[str, Any]) -> str:
-    """A cause, with another one that no evidence separates from it."""
+    """Return a cause, with another one that no evidence separates from it."""
     each = (effect, *effect.get("same_as", ()))
     return " or ".join(fault(machine, e["name"], e["at"]) for e in each)
 
@@ -175,7 +185,7 @@ def _size(machine: Machine, effect: dict[str, Any], than: str, *, named: bool) -
 
 
 def _where(answer: dict[str, Any]) -> Lines:
-    """The joints at which the difference shows, each with the circumstances."""
+    """Return the joints with a difference, each with its circumstances."""
     if answer["effects"] and "gap" not in answer:  # the clocks are apart
         return (sentence(str(answer["reason"])),)
     found = [spot for spot in answer.get("where", ()) if spot["found"]]
@@ -190,7 +200,7 @@ def _shows(joint: str, found: list[dict[str, Any]]) -> str:
 
 
 def _sure(answer: dict[str, Any]) -> Lines:
-    """The probability of what the headline says."""
+    """Return the probability of the headline."""
     known = answer.get("probabilities", {})
     if _undecided(answer):
         return ()
@@ -205,12 +215,12 @@ def _sure(answer: dict[str, Any]) -> Lines:
 
 
 def percent(probability: float) -> str:
-    """A probability; never quite 0 or 100 %."""
+    """Return a probability in percent, never quite 0 or 100 %."""
     return f"{min(max(round(100 * probability), 1), 99)} %"
 
 
 def _others(machine: Machine, answer: dict[str, Any]) -> Lines:
-    """What else may be behind it, by probability: the other members of the set that holds the cause with 90 %."""
+    """Return the other causes in the 90 % credible set, by probability."""
     if "probabilities" not in answer:
         return ()
     named = {(e["name"], e["at"]) for e in answer["effects"]}
@@ -228,7 +238,7 @@ def _probable(known: dict[str, Any]) -> dict[tuple[str, str], float]:
 
 
 def _harm(answer: dict[str, Any]) -> Lines:
-    """Return what it does to weight and force."""
+    """Return the effect of the difference on weight and force."""
     ends = answer.get("end_quantities")
     if ends is None or answer["verdict"] in SILENT:
         return ()
@@ -247,7 +257,7 @@ def _amount(value: float | None, unit: str) -> str:
 
 
 def _shrinks(answer: dict[str, Any]) -> Lines:
-    """How much of the difference is explained, at the cylinder at which there is most."""
+    """Return the explained share of the difference, at the cylinder with the largest difference."""
     bars = answer.get("gap", {}).get("bar")
     if not bars or answer["verdict"] in SILENT or answer.get("working"):
         return ()
@@ -266,17 +276,17 @@ def _closed(closed: dict[str, float]) -> str:
 
 
 def _next(answer: dict[str, Any]) -> Lines:
-    """What to record or check; nothing where all is in order."""
+    """Return the next recordings or checks; empty for a healthy machine."""
     wanted = () if answer["verdict"] == Verdict.NO_GAP else answer.get("next_experiment", ())
     return tuple(sentence(text) for text in wanted)
 
 
 def sentence(text: str) -> str:
-    """A text with a capital and a full stop."""
+    """Return a text with a capital and a full stop."""
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
 
 
 def looked(part: dict[str, Any]) -> str:
-    """How much of a recording was examined, in words."""
+    """Return the examined share of a recording, in words."""
     many = f", in {part['stretches']} stretches" if part["stretches"] > 1 else ""
     return f"{part['seconds'] / 60.0:.1f} of {part['of_seconds'] / 60.0:.1f} min examined{many}"

@@ -1,1 +1,1 @@
-"""Checks whether an arm can be built, and looks like that of a construction machine: they refuse or warn."""
+"""Checks whether an arm can be built, and resembles that of a construction machine: they refuse or warn."""

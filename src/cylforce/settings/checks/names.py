@@ -33,7 +33,7 @@ class RawTable(NamedTuple):
 
 
 def name_faults(raw: Raw) -> Iterator[FaultError]:
-    """Yield everything that is wrong with names, node-IDs, references, and several sensors at one place."""
+    """Yield all faults of names, node-IDs, references, and several sensors at one location."""
     for table in ("links", "attachments", "cylinders", "nodes", "sensors"):
         yield from _taken_names(raw, table)
     yield from _taken_node_ids(raw)
@@ -106,7 +106,7 @@ def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
 
 
 def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
-    """Yield what is wrong with a sensor's node and place."""
+    """Yield the faults of a sensor's node and location."""
     node, names = sensor.table.get("node"), _names(raw, "nodes")
     if isinstance(node, str) and names and node not in names:
         yield FaultError((*sensor.key, "node"), f"is {shown(node)}, which is no node: write one of {', '.join(names)}")
@@ -121,7 +121,7 @@ def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
 
 
 def _place(raw: Raw, key: Key, kind: str, at: str | None) -> Iterator[FaultError]:
-    """Yield what is wrong with the cylinder or link at which a sensor is mounted."""
+    """Yield the faults of the cylinder or link at which a sensor is mounted."""
     table = "cylinders" if kind in AT_CYLINDER else "links"
     names = _names(raw, table)
     if at is None:
@@ -159,7 +159,7 @@ def _bodies(raw: Raw) -> Iterator[FaultError]:
 
 
 def _laws(raw: Raw) -> Iterator[FaultError]:
-    """Yield what is wrong with the names of friction laws."""
+    """Yield the faults of the names of friction laws."""
     table = raw.get("friction")
     laws = table.get("effects") if isinstance(table, dict) else None
     if not isinstance(laws, list):

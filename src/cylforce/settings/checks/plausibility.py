@@ -1,7 +1,7 @@
-"""Check whether an arm can be built, and whether it looks like the arm of a construction machine.
+"""Check whether an arm can be built, and whether it resembles the arm of a construction machine.
 
-These checks need several values at once. What is impossible is an error, what is unusual a warning. Each names the
-value and what to check.
+These checks need several values at once. An impossible value is an error, an unusual one a warning. Each names the
+value and its check.
 
 A limit that has no other source is a ratio of the data sheets of excavators (0.8 to 100 t), wheel loaders and loader
 cranes, with room on both sides. Ratios do not depend on the machine's size, so they detect errors of unit and of sign
@@ -61,7 +61,7 @@ def inspect_machine(machine: Machine) -> Inspection:
 
 
 def inspect_attachment(machine: Machine, standard: Machine, k: int) -> Inspection:
-    """Return what is impossible or unusual about a machine with attachment k and not about the standard one."""
+    """Return the errors and warnings of a machine with attachment k that the standard one does not have."""
     with_standard, with_attachment, findings = inspect_machine(standard), inspect_machine(machine), Inspection()
     for faults, known, new in (
         (with_attachment.errors, with_standard.errors, findings.errors),

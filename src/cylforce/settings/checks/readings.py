@@ -1,4 +1,4 @@
-"""Check whether a sensor's range and name fit what it measures, and the joint or cylinder on which it is mounted."""
+"""Check whether a sensor's range and name fit its quantity, and the joint or cylinder on which it is mounted."""
 
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.unwrapping import inclinations
@@ -94,7 +94,7 @@ def _check_cover(machine: Machine, signal: Signal, key: Key, findings: Inspectio
 
 
 def _check_inclination(machine: Machine, signal: Signal, key: Key, findings: Inspection) -> None:
-    """Warn of an inclinometer whose range ends within what the joints allow."""
+    """Warn of an inclinometer whose range is smaller than that of the link's inclination."""
     low, high = inclinations(machine, signal.index)
     if max(signal.low - low, high - signal.high) <= SLACK * (high - low):
         return
@@ -108,7 +108,7 @@ def _check_inclination(machine: Machine, signal: Signal, key: Key, findings: Ins
 
 
 def _check_name(machine: Machine, signal: Signal, key: Key, findings: Inspection) -> None:
-    """Warn of a name that contains another side or place than the sensor's own."""
+    """Warn of a name that contains another side or location than the sensor's own."""
     words = signal.name.lower().split("_")
     side, other = SIDES.get(signal.kind, ("", ""))
     if other in words and side not in words:

@@ -118,7 +118,7 @@ def _check_reached(joint: str, degrees: Array, share: float, key: Key, findings:
 def _check_double(machine: Machine, c: int, findings: Inspection) -> None:
     """Check a cylinder over two joints.
 
-    The file does not say which of their postures occur together, so only a linkage that fits nowhere is refused.
+    The file does not contain which of their postures occur together, so only a linkage that fits in none is refused.
     """
     cylinder, key = machine.cylinders[c], ("cylinders", c, "linkage")
     first, second = machine.spans[c]

@@ -46,7 +46,7 @@ def first_range(
 def _downwards(depth: float, length: float, given: float) -> float:
     """Return the angle [deg] at which the first link's end is `depth` [m] below its pin. Raises ValueError.
 
-    Stick and tool hang straight down.
+    Stick and tool point straight down.
 
     given: the digging depth of the data sheet [m]
     """

@@ -1,4 +1,4 @@
-"""The figures of a data sheet that `cylforce new` asks for: their keys, typical values and limits."""
+"""Figures of a data sheet for `cylforce new`: their keys, typical values and limits."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
@@ -17,9 +17,10 @@ class Figure(NamedTuple):
     """One figure of a data sheet.
 
     key: key as in the machine file, if the file has it
-    words: what it is, with its unit
+    words: its meaning, with its unit
     typical: typical value; None: it follows from other figures
-    low, high: limits of the value, or of both ends of a range
+    low: lower limit of the value, or of both ends of a range
+    high: upper limit of the value, or of both ends of a range
     shape: str, int, float, or tuple for a range
     """
 

@@ -121,7 +121,7 @@ def _round(shape: dict[str, Any]) -> None:
 
 
 def _problem(machine: Machine, k: int) -> str | None:
-    """Return what is wrong with cylinder k in its joint's range; None: nothing."""
+    """Return the fault of cylinder k in its joint's range; None: none."""
     cylinder = machine.cylinders[k]
     stretch = cylinder.linkage.stretch(machine.pose(range_postures(machine, k)))
     lever = stretch.gradient[:, max(machine.spans[k])]

@@ -209,7 +209,7 @@ def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[fl
 def _wanted(values: Values, cylinder: Raw, s: float) -> tuple[float, float] | None:
     """Return closed and open length [m] from the data sheet; None where neither stroke nor closed length is given.
 
-    Of the two, one that is missing follows from the example: the scaled part of the length that is not stroke.
+    If one of them is missing, it follows from the example: closed length less stroke is scaled with the size.
     """
     stroke, closed = (values[f"{cylinder['name']}.{key}"] for key in ("stroke_mm", "closed_mm"))
     if stroke is None and closed is None:

@@ -10,7 +10,7 @@ Range = tuple[float, float]
 class MachineType(NamedTuple):
     """A type of machine.
 
-    words: what it is, for a list
+    words: description for a list
     title: name of such a machine
     example: shipped machine file with typical proportions; frames are those of the example
     tonnes: operating mass of the example [t]

@@ -1,6 +1,6 @@
 """Write a proposed machine as the text of a machine file.
 
-It is the example's text with other values, and with comments that say where each comes from and what must be measured.
+It is the example's text with other values. Comments name the source of each value and those that must be measured.
 """
 
 from collections.abc import Iterator, Mapping
@@ -132,7 +132,7 @@ def _of_cylinder(k: int, cylinder: Raw, given: frozenset[str]) -> Iterator[tuple
 
 
 def _source(is_given: bool, cure: str) -> str:
-    """Return where a value comes from, and for a typical one what to do."""
+    """Return the source of a value, and for a typical one the cure."""
     return "data sheet" if is_given else f"typical; {cure}"
 
 
