@@ -18,8 +18,8 @@ from cylforce.canopen.network import Network
 from cylforce.canopen.node import Node
 from cylforce.canopen.objects import Commands
 from cylforce.service import commands
+from cylforce.service.commands import Scale
 from cylforce.service.publication import publication
-from cylforce.service.state import Scale
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Quantity, Reason, Status
 
@@ -46,8 +46,8 @@ class Scales:
     def on_frame(self, frame):
         command = commands.read(frame, OURS)
         if command is not None:
-            scale, self.verdict, _ = commands.obey(command, self.scale, self.mass, RATED)
-            self.scale = Scale(*scale)
+            self.scale, answer = commands.obey(command, self.scale, self.mass, RATED)
+            self.verdict = answer.verdict
             self.publish()
         self.network.on_frame(frame)
 

@@ -27,8 +27,8 @@ from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.picture import Screen, known, picture, summary
 from cylforce.programs.live.station import serve
 from cylforce.programs.run import Daemon, status_line
-from cylforce.service.state import NOTHING_KEPT
-from cylforce.service.step import Core
+from cylforce.service.core import Core
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.identified import read_identified, write_identified
 from cylforce.settings.machine_file import Loaded
 
@@ -221,6 +221,6 @@ def _lift_advice(daemon: Daemon, known_kg: float) -> str:
         return f"nothing can be measured: {daemon.state.estimate.gross.reason.name.lower().replace('_', ' ')}"
     if daemon.state.estimate.booking is not None:
         return "booked: the machine may rest"
-    if daemon.state.weighing.books.candidate is None:
+    if daemon.weighing.bookings.candidate is None:
         return f"lift {known_kg:g} kg clear of the ground and move it up and down for some seconds"
     return "set it down, and lift the empty tool clear of the ground"

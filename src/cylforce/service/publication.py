@@ -3,7 +3,7 @@
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
@@ -19,7 +19,6 @@ from cylforce.signals.codec import Layout, layout, packed
 from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Estimate, Quantity
 from cylforce.signals.layout import Field, Pdo
-from cylforce.signals.quick import once
 from cylforce.signals.units import DEGREE
 
 GROSS, NET = "payload_gross", "payload_net"
@@ -256,11 +255,19 @@ class Encoders:
 
     pdos: tuple[Pdo, ...]
 
-    @once
+    @cached_property
     def of(self) -> Callable[[tuple[int, ...]], Encoder]:
         """Gives that of some of them, by their numbers: those that are sent together."""
         numbered = {pdo.number: pdo for pdo in self.pdos}
         return lru_cache(maxsize=64)(lambda wanted: encoder(tuple(numbered[number] for number in wanted)))
+
+    def due(self, estimate: Estimate, numbers: tuple[int, ...]) -> list[tuple[int, bytes]]:
+        """Return (number, data) of the PDOs with these numbers: only what is sent is encoded."""
+        return self.of(numbers).data(estimate) if numbers else []
+
+    def data(self, estimate: Estimate, number: int) -> bytes:
+        """Return the data of one PDO."""
+        return next(data for _, data in self.due(estimate, (number,)))
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
