@@ -16,11 +16,9 @@ ROOT = Path(__file__).resolve().parents[1]
 ABSENT = "no shared data: "
 # The files that take longest, longest first: they are begun first, so that two processes end at about the same time.
 LONGEST = (
-    "test_gap_effects.py",
     "test_refusals.py",
     "test_unexplained.py",
     "test_step.py",
-    "test_gap_scenes.py",
     "test_crane.py",
     "test_wheel.py",
     "test_guidance.py",

@@ -11,7 +11,8 @@ from cylforce.can.clock import now_us
 from cylforce.canopen.devices import own_node
 from cylforce.canopen.network import Network
 from cylforce.canopen.node import SILENT
-from cylforce.diagnosis.answer.verdict import Verdict
+from cylforce.diagnosis.decide import Verdict
+from cylforce.effects.fault import shapes
 from cylforce.effects.library import LIBRARY
 from cylforce.estimation.filters import Filter
 from cylforce.estimation.model import Model
@@ -160,12 +161,15 @@ def test_every_section_of_the_physics_that_is_cited_exists() -> None:
 
 
 def test_the_library_is_listed_with_its_plausible_sizes() -> None:
-    rows = {row[0]: row[1:4] for row in rows_of((ROOT / "src/cylforce/diagnosis/README.md").read_text())}
+    rows = {row[0]: row[1:5] for row in rows_of((ROOT / "src/cylforce/effects/README.md").read_text())}
     for name in {group[0].about.name for group in LIBRARY}:
         forms = [group[0].about for group in LIBRARY if group[0].about.name == name]
         where = ", ".join(dict.fromkeys(about.place for about in forms))
         low, high = min(about.low for about in forms), max(about.high for about in forms)
-        assert rows[f"`{name}`"] == [where, forms[0].unit, f"{low:g} to {high:g}"]
+        refined = dict.fromkeys(
+            f"`{shape.field}`" for group in LIBRARY if group[0].about.name == name for shape in shapes(group)
+        )
+        assert rows[f"`{name}`"] == [where, forms[0].unit, f"{low:g} to {high:g}", ", ".join(refined)]
         assert {about.unit for about in forms} == {forms[0].unit}
 
 

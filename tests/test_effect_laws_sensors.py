@@ -17,12 +17,14 @@ from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.sensors.angle_offset import AngleOffset
 from cylforce.effects.sensors.angle_scale import AngleScale
 from cylforce.effects.sensors.delay import Delay
+from cylforce.effects.sensors.encoder_eccentricity import EncoderEccentricity
 from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch, glitches
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.effects.sensors.pressure_sensor_hysteresis import PressureSensorHysteresis
 from cylforce.effects.sensors.pressure_zero import PressureZero
+from cylforce.effects.sensors.pressure_zero_settling import PressureZeroSettling
 from cylforce.effects.sensors.tilt_ignored import TiltIgnored
 from cylforce.estimation.channels import Channels
 from cylforce.mechanics.installation import Filters
@@ -74,6 +76,24 @@ def test_a_drift_that_fades_begins_alike_and_ends():
     """Warm after 250 s: by then 1 - 1/e of 250 s' worth; in the end all of it."""
     found = changed(PressureDrift(fading=0.004), 14.4 * BAR, "head", (0.0, 2.5, 250.0, 25e3))
     np.testing.assert_allclose(found, [0.0, 0.01 * BAR, (1.0 - E_1) * BAR, BAR], rtol=6e-3)
+
+
+def test_a_zero_that_settles_is_wrong_at_the_start_and_right_in_the_end():
+    """2 bar at the start; 1/e of that after the sensor's time of 60 s."""
+    found = changed(PressureZeroSettling(60.0), 2 * BAR, "rod", (0.0, 60.0, 6000.0))
+    np.testing.assert_allclose(found, [2 * BAR, 2 * BAR * E_1, 0.0], rtol=1e-6, atol=1e-9)
+
+
+def test_an_encoder_off_its_axis_errs_by_one_wave_per_turn():
+    """20 mrad: at 0, 30, 90 and 180 degrees; a length sensor does not turn."""
+    angle, t = np.radians([0.0, 30.0, 90.0, 180.0]), np.arange(4.0)
+    found = changed(EncoderEccentricity(), 0.02, "angle", t, angle=angle)
+    np.testing.assert_allclose(found, [0.0, 0.010, 0.020, 0.0], atol=1e-15)
+    found = changed(EncoderEccentricity(across=True), 0.02, "angle", t, angle=angle)
+    np.testing.assert_allclose(found, [0.020, 0.02 * 0.8660254, 0.0, -0.020], atol=1e-9)
+    signals = tuple(replace(s, kind=Kind.CYLINDER_LENGTH) if s.name == "angle" else s for s in rig().signals)
+    values = readings(4, angle=angle)
+    assert EncoderEccentricity().distorted(replace(rig(), signals=signals), values, t, 2, 0.02) is values
 
 
 def test_a_scale_is_off_by_more_the_farther_from_the_middle():
@@ -208,6 +228,16 @@ def test_play_lies_to_the_side_to_which_the_weight_presses_whatever_the_pressure
     found = changed(Backlash(), 0.02, "angle", t, angle=angle, head=np.where(t < 5.0, 200 * BAR, 0.0))
     np.testing.assert_allclose(found[t < 10.0], 0.010)
     np.testing.assert_allclose(found[t > 10.7], -0.010)
+
+
+def test_play_of_a_cylinders_pin_jumps_where_its_force_changes_its_sign_whatever_the_weight():
+    """The cylinder pushes until second 5, then it pulls: 10 mrad to one side, then to the other, on a level link."""
+    t = np.arange(0.0, 10.0, 0.01)
+    given = {"head": np.where(t < 5.0, 50 * BAR, 0.0), "rod": np.where(t < 5.0, 0.0, 50 * BAR)}
+    found = changed(Backlash(pushed=True), 0.02, "angle", t, **given)
+    np.testing.assert_allclose(found[t < 5.0], 0.010)
+    np.testing.assert_allclose(found[t > 5.3], -0.010)
+    assert not np.any(changed(Backlash(), 0.02, "angle", t, **given))
 
 
 def test_play_that_never_opens_is_no_effect():

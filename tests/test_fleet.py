@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.numbers import MASS
+from cylforce.diagnosis.constants import CREDIBLE
 from cylforce.fleet.causes import ChangeCause
 from cylforce.fleet.changes import Shape, changes
 from cylforce.fleet.courses import course
@@ -104,7 +104,7 @@ def test_a_change_grows_only_if_that_is_as_sure_as_the_change():
         for each in changes(history_of(np.random.default_rng(seed), np.where(np.arange(10) >= 6, 3.0, 0.0)), CULPRITS)
         if each.shape is not Shape.DAY
     ]
-    assert all((each.shape is Shape.SLOPE) == (each.growing >= MASS) for each in found)
+    assert all((each.shape is Shape.SLOPE) == (each.growing >= CREDIBLE) for each in found)
     assert sum(each.growing > 0.5 and each.shape is Shape.STEP for each in found) > 0
     assert sum(abs(each.first - 6) <= 1 for each in found) >= 0.9 * len(found)
 

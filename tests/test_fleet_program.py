@@ -338,7 +338,7 @@ def test_a_cluster_says_the_same(few, tmp_path):
 
     folder, _ = few
     own = run(folder, tmp_path / "one.parquet", None)
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0") as cluster:
         said = []
         wanted = Wanted((str(folder),), tmp_path / "two.parquet")
         other = run_fleet(wanted, Where(cluster.scheduler_address), say=said.append)
@@ -537,7 +537,7 @@ class TestBadInput:
             cluster.loop.add_callback(cluster.scheduler.close)
 
         monkeypatch.setattr(kept.KeptResults, "put", put)
-        cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
+        cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0")
         # Else it looks for the scheduler, which is gone, for half a minute before it is closed.
         with dask.config.set({"distributed.comm.timeouts.connect": "1s"}), cluster:
             wanted = Wanted((str(three),), tmp_path / "r.parquet", cache=tmp_path / "cache")

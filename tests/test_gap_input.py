@@ -4,16 +4,18 @@ file; never a confident name. (Files that cannot be read, and recordings too sho
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.recordings.strangers import contradiction, strange
-from cylforce.diagnosis.recordings.unreadable import unreadable
+from cylforce.diagnosis.regressors import Regressors
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.files.tables import Table, write_table
+from cylforce.programs.common.gap_machine import ALWAYS
 from cylforce.programs.common.gap_question import Question
-from cylforce.programs.gap import ALWAYS, _alike, diagnose
+from cylforce.programs.common.gap_references import alike, references_of
+from cylforce.programs.gap import diagnose
 from cylforce.programs.sim import run_sim
+from cylforce.readings.faulty_sensors import faulty_sensors
+from cylforce.readings.recording import Recording
 from cylforce.settings.machine_file import load
 from cylforce.simulation import scenario
 from cylforce.simulation.sensing import run, sensors
@@ -71,34 +73,45 @@ def slowed(values):
 
 
 def named(values):
-    return [Recorded(f"run {k}", each, 0.0) for k, each in enumerate(values)]
+    return [Recording(f"run {k}", each, 0.0) for k, each in enumerate(values)]
+
+
+def references(recordings):
+    """Recordings to compare, all blocks of them."""
+    regressors = Regressors(MODEL, np.zeros(len(MODEL.parameters)))
+    rows = [regressors.rows(each, ()) for each in recordings]
+    return references_of(MODEL, recordings, rows, [np.ones(len(own.t), dtype=np.bool_) for own in rows])
+
+
+def outliers(recordings):
+    return references(recordings).outliers()
 
 
 def test_references_in_order_are_alike(order):
-    assert strange(MODEL, named(order)) == []
-    assert unreadable(MODEL, named(order)) == []
+    assert outliers(named(order)) == []
+    assert faulty_sensors(MODEL, named(order)) == []
 
 
 def test_the_reference_that_is_unlike_the_others_is_named(order):
     faulty = moved(5, imposed(SERVICE.machine, "pressure_offset", "stick_head_pressure", 6e5))
-    assert strange(MODEL, named([*order, faulty])) == ["run 4"]
+    assert outliers(named([*order, faulty])) == ["run 4"]
 
 
 def test_a_reference_with_a_known_load_is_like_the_others_wherever_the_load_hangs(order):
     """One whose load is another than was said is not."""
     values = moved(6, load=KILOGRAMS)
-    assert strange(MODEL, [*named(order), Recorded("loaded", values, KILOGRAMS)]) == []
-    assert strange(MODEL, [*named(order), Recorded("loaded", values, 0.5 * KILOGRAMS)]) == ["loaded"]
+    assert outliers([*named(order), Recording("loaded", values, KILOGRAMS)]) == []
+    assert outliers([*named(order), Recording("loaded", values, 0.5 * KILOGRAMS)]) == ["loaded"]
 
 
 def test_of_two_references_neither_is_called_wrong_but_both_are_named(order):
     faulty = moved(5, imposed(SERVICE.machine, "pressure_offset", "stick_head_pressure", 6e5))
-    assert strange(MODEL, named([order[0], faulty])) == []
-    kept, said = _alike(MODEL, named([order[0], faulty]))
-    assert len(kept) == 2
-    assert "run 0 and run 1 contradict each other" in " ".join(said)
-    assert contradiction(MODEL, named(order[:2])) < 1.5
-    assert contradiction(MODEL, named([order[0]])) == 0.0
+    assert outliers(named([order[0], faulty])) == []
+    found = alike(MODEL, named([order[0], faulty]))
+    assert len(found.kept) == 2
+    assert "run 0 and run 1 contradict each other" in " ".join(found.warnings)
+    assert references(named(order[:2])).contradiction() < 1.5
+    assert references(named([order[0]])).contradiction() == 0.0
 
 
 def test_a_reference_of_another_machine_is_refused(order, folder, capsys):
@@ -139,31 +152,34 @@ def frozen_from(row):
     ("stick_angle", np.degrees, "is it reversed, or in other units"),
 ])  # fmt: skip
 def test_a_sensor_that_does_not_tell_what_the_machine_does_is_named(order, name, by, said):
-    (found,) = unreadable(MODEL, named([changed(order[0], name, by)]))
+    (found,) = faulty_sensors(MODEL, named([changed(order[0], name, by)]))
     assert found.name == "run 0"
-    assert said in found.said
+    assert said in found.sentence
 
 
 def test_a_frozen_sensor_is_told_wherever_the_recording_begins(order):
     values = changed(order[0], "stick_rod_pressure", frozen_from(2000))
-    (found,) = unreadable(MODEL, [Recorded("later", values, 0.0, 1e4)])
-    assert "does not change in later from 10020 to 10060 s" in found.said
+    (found,) = faulty_sensors(MODEL, [Recording("later", values, 0.0, 1e4)])
+    assert "does not change in later from 10020 to 10060 s" in found.sentence
 
 
 def test_a_sensor_of_coarse_steps_may_stay_at_one(order):
     values = order[0].copy()
     values[:, PRESSURES] = np.round(values[:, PRESSURES] / 2e5) * 2e5
-    assert unreadable(MODEL, named([values])) == []
+    assert faulty_sensors(MODEL, named([values])) == []
 
 
 def test_a_stretch_with_the_engine_off_and_a_zero_error_are_readable(order):
     """A recording is judged as a whole, and no more than its zero error may be is none."""
     off, low = order[1].copy(), order[2].copy()
     off[:, PRESSURES] = 0.0
-    assert unreadable(MODEL, [Recorded("day", order[0], 0.0), Recorded("day", off + 1e-3 * order[1], 0.0, 100.0)]) == []
+    assert (
+        faulty_sensors(MODEL, [Recording("day", order[0], 0.0), Recording("day", off + 1e-3 * order[1], 0.0, 100.0)])
+        == []
+    )
     k = NAMES.index("stick_rod_pressure")
     low[:, k] = SERVICE.machine.signals[k].low - 3e5 + 0.01 * low[:, k]
-    assert unreadable(MODEL, named([low])) == []
+    assert faulty_sensors(MODEL, named([low])) == []
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, None), (1000, 3000), (2000, None)])
@@ -171,11 +187,11 @@ def test_an_angle_that_is_frozen_is_told(order, first, last):
     """As is one that is so from the begin to the end: in the others it shows noise."""
     values, k = order[0].copy(), NAMES.index("stick_angle")
     values[first:last, k] = values[first, k]
-    (found,) = unreadable(MODEL, named([values, *order[1:]]))
+    (found,) = faulty_sensors(MODEL, named([values, *order[1:]]))
     assert found.name == "run 0"
-    assert "stick_angle" in found.said
-    assert "frozen" in found.said
-    assert unreadable(MODEL, named(order[1:]), named([values])) == []
+    assert "stick_angle" in found.sentence
+    assert "frozen" in found.sentence
+    assert faulty_sensors(MODEL, named(order[1:]), named([values])) == []
 
 
 def test_a_joint_that_stands_is_no_frozen_sensor(order):
@@ -186,13 +202,13 @@ def test_a_joint_that_stands_is_no_frozen_sensor(order):
         values[:2000, k] = values[2000, k]
         values[3000:, k] = values[3000, k]
     coarse[0][:, k] = coarse[0][0, k]
-    assert unreadable(MODEL, named(coarse)) == []
+    assert faulty_sensors(MODEL, named(coarse)) == []
     moving = order[1].copy()
     moving[:, k] = np.round(moving[:, k], 2)
-    assert unreadable(MODEL, named([coarse[0], moving])) == []
+    assert faulty_sensors(MODEL, named([coarse[0], moving])) == []
     lost = order[0].copy()
     lost[500:2000, k] = np.nan
-    assert unreadable(MODEL, named([lost, *order[1:]])) == []
+    assert faulty_sensors(MODEL, named([lost, *order[1:]])) == []
 
 
 def test_sides_of_a_cylinder_that_are_exchanged_are_told(order):
@@ -200,15 +216,15 @@ def test_sides_of_a_cylinder_that_are_exchanged_are_told(order):
     head, rod = (NAMES.index(f"stick_{side}_pressure") for side in ("head", "rod"))
     values = order[0].copy()
     values[:, [head, rod]] = values[:, [rod, head]]
-    (found,) = unreadable(MODEL, named([values]))
-    assert "stick_head_pressure and stick_rod_pressure are exchanged in run 0" in found.said
+    (found,) = faulty_sensors(MODEL, named([values]))
+    assert "stick_head_pressure and stick_rod_pressure are exchanged in run 0" in found.sentence
 
 
 def test_pressures_in_bar_are_told(order):
     values = order[0].copy()
     values[:, PRESSURES] /= 1e5
-    (found,) = unreadable(MODEL, named([values]))
-    assert "no pressure reaches 1 bar in run 0" in found.said
+    (found,) = faulty_sensors(MODEL, named([values]))
+    assert "no pressure reaches 1 bar in run 0" in found.sentence
 
 
 def test_what_is_no_longer_than_a_stretch_is_named_and_no_data_sheet_stands_in_for_references(order, folder):
@@ -234,11 +250,11 @@ def test_two_recordings_of_one_name_are_refused(order, folder):
 def test_references_of_which_one_looks_like_work_beside_the_other_are_named(order):
     """One carries a load that nobody told: which of them is right, they do not tell."""
     heavy = moved(5, load=KILOGRAMS)
-    kept, said = _alike(MODEL, [Recorded("long", order[0], 0.0), Recorded("short", heavy[:4000], 0.0)])
-    assert [each.name for each in kept] == ["long", "short"]
-    assert len(said) == 1
-    assert "contradict each other" in said[0]
-    assert _alike(MODEL, named(order))[1] == []
+    found = alike(MODEL, [Recording("long", order[0], 0.0), Recording("short", heavy[:4000], 0.0)])
+    assert [each.name for each in found.kept] == ["long", "short"]
+    assert len(found.warnings) == 1
+    assert "contradict each other" in found.warnings[0]
+    assert alike(MODEL, named(order)).warnings == []
 
 
 def test_references_that_are_none_are_named_and_the_diagnosis_goes_on(order, folder):

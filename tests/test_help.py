@@ -22,6 +22,7 @@ DAY = [
     "scale",
     "replay",
     "gap",
+    "checkup",
     "fleet",
     "sim",
     "demo",

@@ -8,19 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cylforce.diagnosis.columns.problem import Problem, Seen
-from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.columns.rows import BLOCK, Viewer
-from cylforce.diagnosis.columns.whitening import Floor
-from cylforce.diagnosis.inference.asking import Asking, Noisy, Step
-from cylforce.effects.library import proposals
-from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.segments import Part, parts, stretches
 from cylforce.files.tables import Table, write_table
 from cylforce.programs.common.recorded import PART_S, SHORTEST_S, chosen
 from cylforce.programs.common.spread import Kept, Spread
 from cylforce.settings.machine_file import load
-from scenarios import EXCAVATOR, moved
+from scenarios import EXCAVATOR
 
 MOST, SIZE, LEAST, LONGEST = 6, 10, 4, 2
 LOADED = load(EXCAVATOR)
@@ -98,7 +91,7 @@ def test_all_of_a_short_recording_is_looked_at(tmp_path, suffix):
     found = chosen(LOADED, [path], {path.name: 900.0})
     (whole,) = found.stretches
     np.testing.assert_array_equal(whole.values, values)
-    assert (whole.name, whole.load, whole.begins) == (path.name, 900.0, 130.0)
+    assert (whole.name, whole.load_kg, whole.begins_s) == (path.name, 900.0, 130.0)
     assert found.looked_at == [(path.name, 2.5 * PART_S, 2.5 * PART_S, 1)]
 
 
@@ -109,34 +102,11 @@ def test_of_a_long_one_stretches_that_begin_when_they_did(tmp_path):
     found = chosen(LOADED, [long, short], {}, most=4)
     assert sum(len(r.values) for r in found.stretches) / RATE <= 4 * (PART_S + SHORTEST_S)
     for r in found.stretches:
-        np.testing.assert_allclose(r.values[:, 0], r.begins + np.arange(len(r.values)) / RATE, atol=1e-6)
-    begins = np.array([r.begins for r in found.stretches if r.name == long.name])
+        np.testing.assert_allclose(r.values[:, 0], r.begins_s + np.arange(len(r.values)) / RATE, atol=1e-6)
+    begins = np.array([r.begins_s for r in found.stretches if r.name == long.name])
     assert begins[0] == 7.0
     assert np.all(np.diff(begins) > 2.0 * PART_S)
     told = {each.name: each for each in found.looked_at}
     assert told[short.name].seconds == told[short.name].of_seconds == SHORTEST_S + 1.0
     assert told[long.name].seconds < 0.5 * told[long.name].of_seconds == 0.5 * 11.5 * PART_S
     assert told[long.name].stretches == len(begins) >= 2
-
-
-def test_a_load_hangs_in_all_stretches_of_a_recording_and_is_lost_for_the_rest_of_it():
-    model = Model(LOADED.service.machine, LOADED.service.filters, FRICTION)
-    wanted = [p for p in proposals(model.machine) if p.name in ("payload_spill", "payload_shift")]
-    viewer, values = Viewer(model, model.prior.mean), moved(LOADED, seconds=90.0)
-
-    def problem(count):
-        length = len(values) // count
-        cut = [Recorded("run", values[k * length :][:length], 500.0, k * length / RATE) for k in range(count)]
-        seen = tuple(Seen(r, viewer.rows(r, wanted)) for r in cut)
-        return Problem(model, np.sqrt(np.diag(model.prior.covariance)), tuple(wanted), (), seen)
-
-    whole, three = problem(1), problem(3)
-    assert whole.first == three.first
-    assert len({three.of_load(seen) for seen in three.faulty}) == 1
-    floor, count = Floor(np.full(3, 100.0), np.zeros((3, 1)), np.full(3, 100.0)), len(three.times)
-    none = Noisy((), tuple(np.zeros((3, three.lasting + 2)) for _ in three.faulty))
-    question = Asking(viewer, three, floor, none, Step(2, count))
-    assert {form.name for _, form in question.forms} == {"payload_spill", "payload_shift"}
-    lost = [white.rows[..., question.own[-1]] for white in question.whites(three.faulty)]
-    assert not np.any(lost[0][: 2 * BLOCK])
-    assert all(np.any(part) for part in lost)

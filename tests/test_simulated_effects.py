@@ -64,7 +64,9 @@ def test_a_drifting_law_knows_the_time_of_the_run(plain):
 
 
 def test_a_drift_of_viscous_friction_leaves_the_dry_one(plain):
-    found = simulated(imposed(MACHINE, "friction_temperature_drift", "boom", -0.8, shape={"viscous": True}))
+    found = simulated(
+        imposed(MACHINE, "friction_temperature_drift", "boom", -0.8, shape={"settling": 900.0, "viscous": True})
+    )
     truth = draw_truth(MACHINE, np.random.default_rng(1), 0.1)
     (viscous,) = (float(c.value[0]) for c in truth.friction if c.name == "viscous")
     excess = (found.physics.moving.force - plain.physics.moving.force)[:, 0]

@@ -14,11 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosis.answer.causes import Cause
-from cylforce.diagnosis.answer.verdict import Search
-from cylforce.diagnosis.columns.recorded import Recorded
-from cylforce.diagnosis.recordings.clocks import slips
-from cylforce.effects.fault import MassChange
+from cylforce.diagnosis.explain import Cause
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.mechanics.machine import Machine
@@ -26,6 +22,8 @@ from cylforce.programs.common.gap_question import Question
 from cylforce.programs.gap import Diagnosed, diagnose
 from cylforce.programs.identify import run_identify
 from cylforce.programs.wording.plain import headline
+from cylforce.readings.clocks import clock_faults
+from cylforce.readings.recording import Recording
 from cylforce.settings.machine_file import Loaded, load
 
 from .figures import FITTED, data_sheet, number, recordings, samples
@@ -38,12 +36,8 @@ PRESSURES = ("MainPaCyl", "JibPaCyl", "JibPbCyl")  # on the other time base, as 
 SLIPPED = {"boom_head_pressure", "jib_head_pressure", "jib_rod_pressure"}  # what the diagnosis should name then
 MARCH = "_270325"  # another day
 PERIODS = 5.0 / 10.0  # of the pressures, once they are resampled, and of the positions
-LAWS = {
-    "coulomb_friction": "coulomb",
-    "viscous_friction": "viscous",
-    "load_dependent_friction": "load_dependent",
-    "asymmetric_friction": "directional",
-}
+LAWS = ("coulomb", "viscous", "load_dependent", "directional")
+MOST_NAMES = 5  # parameters that are listed
 TOGETHER = "all four so, together"
 GRAVITY_AND_COULOMB = ("X", "Z", "coulomb")  # parameters of the least-squares fit beside
 
@@ -140,7 +134,7 @@ def clocks(loaded: Loaded, paths: Mapping[str, Path], work: Path) -> dict[str, l
     model, found = Model(loaded.service.machine, loaded.service.filters, ()), dict[str, list[dict[str, Any]]]()
     for name, path in paths.items():
         for title, file in ((name, path), (f"{name}, time-base fault", trapped(path, work))):
-            told = slips(model, [Recorded(file.name, samples(loaded, file), 0.0)])
+            told = clock_faults(model, [Recording(file.name, samples(loaded, file))])
             found[title] = [
                 {"sensors": list(s.sensors), "last_s": s.last, "error_s": float(s.errors[1]), "nats": s.nats}
                 for s in told
@@ -165,10 +159,10 @@ def _answer(machine: Machine, found: Diagnosed) -> Answer:
     return Answer(
         answer["verdict"],
         headline(machine, answer),
-        [_cause(each.cause, e) for each, e in zip(found.judged.named, answer["effects"], strict=True)]
-        if found.search
+        [_cause(each.cause, e) for each, e in zip(found.diagnosis.named, answer["effects"], strict=True)]
+        if found.diagnosis
         else [{"name": e["name"], "at": e["at"], **_size(e), "confused_with": []} for e in answer["effects"]],
-        answer["gap"]["joints"] if found.search else {},
+        answer["gap"]["joints"] if "gap" in answer else {},
         answer.get("warnings", []),
     )
 
@@ -190,7 +184,7 @@ class Unknown:
 
     def __init__(self, loaded: Loaded, paths: Mapping[str, Path]) -> None:
         self.loaded, self.paths = loaded, paths
-        self.model = Model(loaded.service.machine, loaded.service.filters, tuple(LAWS.values()))
+        self.model = Model(loaded.service.machine, loaded.service.filters, LAWS)
         self.runs = {name: measured(self.model, samples(loaded, paths[name])) for name in USED}
 
     def fitted(self, names: Sequence[str]) -> "Fits":
@@ -222,32 +216,15 @@ class Fits(NamedTuple):
 
 
 def fitted(loaded: Loaded, model: Model, paths: Mapping[str, Path], runs: Sequence[Run]) -> Fits:
-    """Parameters from some runs."""
+    """Parameters from some runs: what the answer for a data sheet says that identifying the machine would find."""
     found = diagnose(loaded, Question(tuple(paths.values())))
-    named = [each.cause for each in found.judged.named]
-    lack = [cause.key for cause in named if not _has_parameter(cause)]
-    causes = caused(model, found.search, named) if found.search else data_sheet(model)
-    names, without = ([" at ".join(key) for key in keys] for keys in ([c.key for c in named], lack))
-    return Fits(data_sheet(model), causes, least_squares(model, runs), names, without)
-
-
-def _has_parameter(cause: Cause) -> bool:
-    return isinstance(cause.proposal.group[0], MassChange) or cause.key[0] in LAWS
-
-
-def caused(model: Model, search: Search, causes: Sequence[Cause]) -> np.ndarray:
-    """The data sheet's parameters with what the causes make of them."""
-    found, names = data_sheet(model), [p.name for p in model.parameters]
-    rigid = 3 * model.machine.size
-    found[:rigid] += search.fit.whole.own[:rigid]  # within a hundredth of the sheet's tolerance
-    for cause in causes:
-        proposal = cause.proposal
-        effect = proposal.group[0]
-        if isinstance(effect, MassChange):
-            found[:rigid] += effect.change(model.machine, proposal.where) @ cause.sizes[0]
-        elif proposal.name in LAWS:
-            found[names.index(f"{proposal.at}.{LAWS[proposal.name]}")] += float(cause.sizes[0, 0])
-    return found
+    sheet = data_sheet(model)
+    if found.sheet is None:
+        return Fits(sheet, sheet, least_squares(model, runs), [], [])
+    values = {change.name: change.after for change in found.sheet.refit.changes}
+    causes = np.array([values.get(p.name, value) for p, value in zip(model.parameters, sheet.tolist(), strict=True)])
+    names = [change.name for change in found.sheet.refit.changes[:MOST_NAMES]]
+    return Fits(sheet, causes, least_squares(model, runs), names, [])
 
 
 def least_squares(model: Model, runs: Sequence[Run]) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""Layers of a diagnosis that decide, and the evidence that they are compared on (see studies.decisions)."""
+"""Intervals of shares, for studies and trials."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.diagnosis.numbers import MASS
+from cylforce.diagnosis.constants import CREDIBLE
 from cylforce.fleet import fleet as module
 from cylforce.fleet.causes import ChangeCause
 from cylforce.fleet.changes import MachineChange, Shape, changes
@@ -23,7 +23,7 @@ from cylforce.programs.fleet.analysis import OfType
 from cylforce.signals.estimate import Array
 from studies._fleets import CAUSES, MASS_SHAPE, RANGES, Faulty, drawn, places
 
-SURE = (0.985, MASS, 0.8, 2.0 / 3.0, 0.5)  # probabilities from which a change is told
+SURE = (0.985, CREDIBLE, 0.8, 2.0 / 3.0, 0.5)  # probabilities from which a change is told
 TIMES = tuple(2.0 ** (0.5 * k) for k in range(-8, 3))  # of the smallest size that the study draws
 FLEETS = 20_000  # of ten changes each, drawn from those that were planted
 UNITS = {"friction_level_change": (100.0, "%"), "pressure_offset": (1e-5, "bar"), "extra_mass": (1.0, "kg")}
@@ -87,7 +87,7 @@ def ladder(of: Field, right: Judge, rng: np.random.Generator) -> list[Planted]:
             for at in places(of.machine, name):
                 for times in TIMES:
                     fault = Faulty("", name, at, RANGES[name][0] * times, len(mixed.t) // 2)
-                    found.append(_asked(of, mixed, fault, right, (MASS,)))
+                    found.append(_asked(of, mixed, fault, right, (CREDIBLE,)))
     return found
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cylforce.programs.common.gap_question import Question
-from cylforce.programs.common.row_cache import RowCache
+from cylforce.programs.common.statistics_cache import StatisticsCache
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.workers import Where
 from cylforce.programs.gap import diagnose
@@ -58,14 +58,14 @@ def _is(named: tuple[str, str], fault: Faulty) -> bool:
 
 
 def asked(
-    folder: Path, machine: str, truth: Faulty | None, references: int, usual: Path, kept: RowCache
+    folder: Path, machine: str, truth: Faulty | None, references: int, usual: Path, kept: StatisticsCache
 ) -> list[Asked]:
     """Both ways."""
     days = sorted((folder / machine).iterdir())
     found = []
     for way, file in zip(WAYS, (None, usual), strict=True):
         question = Question((days[-1],), tuple(days[:references]), usual=file)
-        answer = diagnose(load(MACHINE_FILE), question, kept=kept).answer
+        answer = diagnose(load(MACHINE_FILE), question, cache=kept).answer
         named, possible = (
             tuple((each["name"], each["at"]) for each in answer.get(key, ())) for key in ("effects", "set")
         )
@@ -103,7 +103,7 @@ def main() -> None:
         truth = write_fleet(folder, size, options.seed, max(options.workers, 1))
         wanted = Wanted((str(folder),), Path(scratch) / "results.parquet", usual, cache=options.cache)
         run_fleet(wanted, Where(None, options.workers), say=_silent)
-        rows = RowCache(Path(scratch) / "rows")
+        rows = StatisticsCache(Path(scratch) / "statistics")
         for machine in (*truth, *_some_in_order(truth, size, options.in_order)):
             for each in asked(folder, machine, truth.get(machine), options.references, usual, rows):
                 console.print(_words(each), markup=False)

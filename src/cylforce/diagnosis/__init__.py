@@ -1,4 +1,337 @@
-"""Diagnosis of the difference between a machine and its model (`cylforce gap`): which effect explains what remains.
+"""The diagnosis: why a machine differs from its model. `diagnose` compares recordings with a healthy machine.
 
-Work here on how effects are ranked, confirmed and reported.
-"""
+The modules stand in the order of the work: recordings, regressors, statistics, likelihood, model, search, decide,
+explain."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cylforce.diagnosis.constants import BLOCK_ROWS, CLEAR_GAP, HALF, LAW_ERROR, SAME_MACHINE
+from cylforce.diagnosis.decide import (
+    SURE,
+    HypothesisEvidence,
+    Verdict,
+    costs,
+    first_effect,
+    one_answer,
+    parameters_are_likelier,
+)
+from cylforce.diagnosis.explain import (
+    Cause,
+    Picture,
+    Refit,
+    Simulated,
+    Simulation,
+    Spot,
+    cause_of_incident,
+    causes_of,
+    objection_to_magnitude,
+    objection_to_simulation,
+    refitted,
+    refitted_sheet,
+    unexplained_shape,
+    where,
+    worst_place,
+)
+from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, with_noise
+from cylforce.diagnosis.model import identified as model_identified
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, FieldQuestion, Found, Key, examined
+from cylforce.diagnosis.statistics import rms
+from cylforce.effects.library import Proposal
+from cylforce.estimation.model import Model
+from cylforce.readings.zeros import Zero
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True)
+class Named:
+    """A cause that is named.
+
+    cause:      the effect with its magnitude
+    confidence: its probability
+    share:      of what all named causes add to the torques
+    rivals:     causes that it might be confused with
+    same_as:    another name for the same change; None if there is none
+    """
+
+    cause: Cause
+    confidence: float
+    share: float
+    rivals: tuple[Key, ...]
+    same_as: Key | None = None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that a diagnosis says.
+
+    verdict:   the conclusion
+    named:     the causes, the main one first
+    evidence:  hypotheses and probabilities
+    simulated: the gap before and after the named causes
+    spots:     where the gap is
+    shape:     of an unexplained residual
+    refit:     what a refit of the model's parameters removes
+    parameters_first: whether that comes before any effect
+    refuted:   sentences on causes that are not named
+    picture:   pressures at the worst place
+    """
+
+    verdict: Verdict
+    named: tuple[Named, ...]
+    evidence: HypothesisEvidence
+    simulated: Simulated
+    spots: list[Spot]
+    shape: dict[str, Any]
+    refit: Refit
+    parameters_first: bool = False
+    refuted: tuple[str, ...] = ()
+    picture: Picture | None = None
+    same: dict[Key, Key] = field(default_factory=dict)
+
+
+def question_of(
+    machine: HealthyMachine,
+    recordings: Sequence[Recording],
+    rng: np.random.Generator,
+    jumps: Mapping[int, float] | None = None,
+    zeros: Mapping[int, Zero] | None = None,
+) -> FieldQuestion:
+    """Return recordings beside a healthy machine.
+
+    jumps: evidence [nats] of the number of jumps of a reading, by its signal
+    zeros: readings of pressure sensors without pressure, by their signals
+    """
+    own, layout, seen = machine.regressors, machine.layout, []
+    for recording in recordings:
+        rows = own.rows(recording, layout.proposals)
+        seen.append(with_noise(own, layout, recording, rows, machine.floor, machine.sensor_noise, rng))
+    return FieldQuestion(machine, tuple(seen), jumps=jumps or {}, zeros=zeros or {})
+
+
+def diagnose(
+    machine: HealthyMachine,
+    recordings: Sequence[Recording],
+    rng: np.random.Generator,
+    wanted: Callable[[Proposal], bool] = lambda _: True,
+    watch: Callable[[str], None] = lambda _: None,
+    jumps: Mapping[int, float] | None = None,
+    zeros: Mapping[int, Zero] | None = None,
+    *,
+    identified: bool = True,
+) -> Diagnosis:
+    """Diagnose recordings of a machine beside what is known of it while it was healthy.
+
+    wanted:     whether an effect may be a cause
+    jumps:      evidence [nats] of the number of jumps of a reading, by its signal
+    zeros:      readings of pressure sensors without pressure, by their signals
+    identified: whether the parameters are surely this machine's; else other parameters compete with all effects
+    """
+    watch("columns of every effect")
+    question = question_of(machine, recordings, rng, jumps, zeros)
+    found = examined(question, wanted, watch)
+    watch("locating the gap, simulating the effects")
+    diagnosis = concluded(found, rng)
+    watch("the model's own parameters")
+    if identified or found.work is not None or diagnosis.verdict is Verdict.NO_GAP or diagnosis.refit.share <= HALF:
+        return diagnosis
+    refitted_diagnosis = concluded(examined(with_free_parameters(question, diagnosis.refit), wanted), rng)
+    if not parameters_are_likelier(diagnosis.evidence, refitted_diagnosis.evidence):
+        return diagnosis
+    return _after_refit(question, diagnosis, refitted_diagnosis)
+
+
+def with_free_parameters(question: FieldQuestion, refit: Refit) -> FieldQuestion:
+    """Return a question in which the parameters are as uncertain as the data sheet leaves them, and refitted."""
+    values = question.machine.values.copy()
+    values[: len(refit.values)] += refit.values
+    return replace(question, machine=replace(question.machine, values=values), free=True)
+
+
+def _after_refit(question: FieldQuestion, before: Diagnosis, after: Diagnosis) -> Diagnosis:
+    """Return the answer that the parameters come first, with the effects that remain once they are fitted.
+
+    before, after: answers with the parameters as they are known, and free
+    """
+    return replace(
+        after,
+        verdict=after.verdict if after.named else Verdict.NOT_OBSERVABLE,
+        spots=before.spots,
+        refit=before.refit,
+        parameters_first=True,
+        picture=worst_place(question, replace(after.simulated, before=before.simulated.before)),
+    )
+
+
+@dataclass(frozen=True)
+class SheetGap:
+    """The gap of a machine of which only the data sheet is known: no effect is distinguished from its parameters.
+
+    question: the recordings beside the data sheet
+    refit:    what identifying masses and friction removes
+    spots:    where the gap is
+    """
+
+    question: FieldQuestion
+    refit: Refit
+    spots: list[Spot]
+
+
+def gap_of_sheet(
+    sheet: Model,
+    friction: Sequence[str],
+    recordings: Sequence[Recording],
+    sensor_noise: Array,
+    rng: np.random.Generator,
+) -> SheetGap:
+    """Return what recordings show of a machine that nobody identified.
+
+    sheet:    the model without friction, whose prior is the data sheet
+    friction: laws that an identification would fit
+    """
+    model = sheet.with_laws(tuple(friction))
+    fitted = Regressors(model, fitted_parameters(model, recordings))
+    floor = rms([fitted.rows(each, ()).residual for each in recordings])
+    questions = []
+    for regressors in (fitted, Regressors(sheet, sheet.prior.mean)):
+        covariance, moves = regressors.model.prior.covariance, np.where(floor > 0.0, floor, 1.0)
+        machine = model_identified(regressors, (), covariance, moves, recordings, sensor_noise, rng)
+        questions.append(question_of(replace(machine, source=KnowledgeSource.DATA_SHEET), recordings, rng))
+    refit = refitted_sheet(questions[1], questions[0])
+    return SheetGap(questions[1], refit, where(questions[1], questions[1].residuals()))
+
+
+def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
+    """Return the answer that costs least, with causes that their simulation does not contradict.
+
+    A cause that is contradicted is withdrawn, and Bayes' rule holds among the others: the next one is simulated.
+    """
+    question = found.question
+    sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP
+    evidence, same = one_answer(HypothesisEvidence(found, sure=sure))
+    plain = Simulation(question, None).run((), rng)
+    refuted, refused = list[str](), False
+    while True:
+        key = first_effect(evidence)
+        cost = costs(evidence, key)
+        verdict = min(cost, key=lambda v: cost[v])
+        if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
+            if refused and verdict is Verdict.NO_GAP:
+                verdict = Verdict.UNKNOWN  # a wrong law of one effect is no sign of a healthy machine
+            if found.work is not None:  # unknown loads and contact may hide either
+                verdict = Verdict.NOT_OBSERVABLE
+            return _answer(evidence, verdict, (), plain, refuted, same)
+        named, simulated, objection = _tried(evidence, key, rng)
+        if not objection:
+            return _answer(evidence, verdict, named, simulated, refuted, same)
+        refuted.append(objection)
+        refused = True
+        evidence = replace(evidence, withdrawn=evidence.withdrawn | {key})
+
+
+def _tried(
+    evidence: HypothesisEvidence, key: Key, rng: np.random.Generator
+) -> tuple[tuple[Cause, ...], Simulated, str]:
+    """Return the causes named with the main one, the gap with them simulated, and an objection to the main one."""
+    question = evidence.found.question
+    candidate = evidence.best_of(key)
+    if candidate is None:
+        incident = max((i for i in evidence.incidents if i.key == key), key=lambda i: i.log)
+        cause = cause_of_incident(evidence, incident)
+        if evidence.found.work is not None:
+            return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause)
+        simulated = Simulation(question, None).run((cause,), rng)
+        objection = objection_to_magnitude(cause) or objection_to_simulation(question, (cause,), simulated)
+        return (cause,), simulated, objection
+    if evidence.found.work is not None:  # contact and loads, most of that gap, are nothing that an effect removes
+        (cause, *_) = causes_of(evidence, candidate)
+        return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause)
+    single = _single(evidence, key, candidate)
+    (first,) = causes_of(evidence, single)[:1]
+    alone = Simulation(question, single).run((first,), rng)
+    objection = objection_to_magnitude(first) or objection_to_simulation(question, (first,), alone)
+    both = causes_of(evidence, candidate)
+    more = [c for c in both[1:] if c.probability >= SURE and c.key != UNKNOWN]
+    more = [c for c in more if not objection_to_magnitude(c) and _shows(question, c, alone)]
+    if more and not objection_to_magnitude(both[0]):
+        causes = (both[0], *more)
+        simulated = Simulation(question, candidate).run(causes, rng)
+        if not objection_to_simulation(question, causes, simulated):
+            return causes, simulated, ""
+    return (first,), alone, objection
+
+
+def _single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Candidate:
+    """Return the most probable hypothesis of an effect by itself; another one where it was not examined so."""
+    own = [c for c in evidence.candidates if len(c.hypothesis.forms) == 1 and c.keys == {key}]
+    return max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
+
+
+def _shows(question: FieldQuestion, cause: Cause, alone: Simulated) -> bool:
+    """Return whether, with the first cause alone, the joint on which another one acts most still has a gap.
+
+    The gap must exceed the error of the first cause's own law.
+    """
+    torque, floor = rms(added_torque(question, cause)), question.machine.floor.rms
+    most = int(np.argmax(torque / floor))
+    before, after = (float(rms(each)[most] / floor[most]) for each in (alone.before, alone.after))
+    law = LAW_ERROR**2 * max(before**2 - 1.0, 0.0)
+    return after**2 > 1.0 + SAME_MACHINE + law
+
+
+def added_torque(question: FieldQuestion, cause: Cause) -> list[Array]:
+    """Return the torques (T, R) [N m] of a cause along the recordings, by its columns."""
+    layout, proposal, found = question.machine.layout, cause.proposal, []
+    refined = cause.question.refined
+    for n, (seen, span) in enumerate(zip(question.seen, question.spans, strict=True)):
+        if refined is not None and refined.proposal is proposal:
+            own = refined.columns[n]
+        else:
+            columns = layout.columns(seen.rows, seen.recording)
+            if proposal.clock:
+                places: Sequence[int] = [layout.clock] * len(cause.sizes[0])
+            elif proposal.course:
+                places = layout.incident(proposal)[: cause.sizes.shape[1]]
+            else:
+                places = layout.places[layout.proposals.index(proposal)]
+            own = columns[..., list(places)]
+        each = np.nan_to_num(cause.course).T[slice(*span)] @ cause.sizes  # (B, M)
+        found.append(np.einsum("trm,tm->tr", own, np.repeat(each, BLOCK_ROWS, axis=0)[: len(seen.rows.t)]))
+    return found
+
+
+def _answer(
+    evidence: HypothesisEvidence,
+    verdict: Verdict,
+    causes: tuple[Cause, ...],
+    simulated: Simulated,
+    refuted: Sequence[str],
+    same: dict[Key, Key],
+) -> Diagnosis:
+    question = evidence.found.question
+    named: list[Named] = []
+    if causes:
+        squares = [float(np.sum((rms(added_torque(question, c)) / question.machine.floor.rms) ** 2)) for c in causes]
+        keys = {c.key for c in causes}
+        for k, cause in enumerate(causes):
+            rivals = tuple(key for key in evidence.credible if key not in (*keys, NO_GAP, UNKNOWN)) if k == 0 else ()
+            share = squares[k] / max(sum(squares), 1e-300)
+            named.append(Named(cause, cause.probability, share, rivals, same.get(cause.key)))
+    spots = where(question, simulated.before)
+    return Diagnosis(
+        verdict,
+        tuple(named),
+        evidence,
+        simulated,
+        spots,
+        unexplained_shape(question, simulated.after),
+        refitted(question),
+        refuted=tuple(refuted),
+        picture=worst_place(question, simulated),
+        same=same,
+    )

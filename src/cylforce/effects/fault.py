@@ -1,7 +1,10 @@
 """Protocols of the effects by which a machine may differ from its model: how each is described, and the few ways in
 which it acts. Simulated machine and diagnosis call the same methods."""
 
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from enum import StrEnum
+from math import exp, log
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -45,6 +48,39 @@ class About(NamedTuple):
     form: float = 0.01
 
 
+class ShapeRange(NamedTuple):
+    """Plausible values of a continuous parameter of an effect's shape, among which a search refines the best one.
+
+    field: name of the field of the effect's dataclass, a float
+    low:   smallest plausible value, in the unit of the field
+    high:  largest plausible value
+    log:   equal steps of the search are equal ratios of (value + `shift`), not equal differences
+    shift: added to the value before its logarithm, > 0 where `low` is zero
+    """
+
+    field: str
+    low: float
+    high: float
+    log: bool = False
+    shift: float = 0.0
+
+    def position(self, value: float) -> float:
+        """Place of a value between `low` (0) and `high` (1), in equal steps of the search."""
+        if not self.log:
+            return (value - self.low) / (self.high - self.low)
+        whole = log((self.high + self.shift) / (self.low + self.shift))
+        return log((value + self.shift) / (self.low + self.shift)) / whole
+
+    def value(self, position: float) -> float:
+        """Value at a position from 0 to 1; positions outside give the nearest end."""
+        share = min(max(position, 0.0), 1.0)
+        if not self.log:
+            return self.low + share * (self.high - self.low)
+        ratio = (self.high + self.shift) / (self.low + self.shift)
+        found = (self.low + self.shift) * exp(share * log(ratio)) - self.shift
+        return min(max(found, self.low), self.high)
+
+
 ProtocolType: Any = type(Protocol)
 _known: dict[tuple[type, type], bool] = {}
 
@@ -70,6 +106,16 @@ class Fault(Protocol, metaclass=Remembered):
 
 
 @runtime_checkable
+class Shaped(Fault, Protocol):
+    """An effect whose law has continuous parameters besides its size, such as a time constant or a width."""
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """The parameters that a search may refine, with their plausible ranges."""
+        ...
+
+
+@runtime_checkable
 class ForceLaw(Fault, Protocol):
     """A force in one cylinder's own coordinate."""
 
@@ -81,7 +127,8 @@ class ForceLaw(Fault, Protocol):
 
 @runtime_checkable
 class JointLaw(Fault, Protocol):
-    """A torque about the joints that depends on where and how fast the machine moves, not on its forces."""
+    """A torque about the joints that depends on where and how fast the machine moves, and on its cylinders' forces
+    (`moving.force`)."""
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
         """Additional torques (T, N) [N m] that the cylinders supply, per unit of size, along a motion at times t (T,)
@@ -213,6 +260,30 @@ def acting(law: ForceLaw | JointLaw, machine: Machine, moving: Motion, t: Array,
 def rubbing(share: Share, where: int, cylinders: int) -> range:
     """Numbers of the cylinders, of so many, whose friction a share changes: one, or, at the machine, all."""
     return range(where, where + 1) if share.about.place is Place.CYLINDER else range(cylinders)
+
+
+def shapes(group: tuple[Fault, ...]) -> tuple[ShapeRange, ...]:
+    """Continuous parameters of the shape of effects that act together: those of the first one."""
+    return group[0].shapes if isinstance(group[0], Shaped) else ()
+
+
+def shaped(group: tuple[Fault, ...], values: Mapping[str, float]) -> tuple[Fault, ...]:
+    """The group with other `values` of its fields, by name. The first effect takes all of them; the other effects take
+    those in which all effects of the group were alike.
+
+    Raises ValueError for a name that is no field of the first effect."""
+    if not values:
+        return group
+    first: Any = group[0]
+    known = [f.name for f in fields(first)] if is_dataclass(first) else []
+    wrong = [name for name in values if name not in known]
+    if wrong:
+        listed = ", ".join(known) or "it has none"
+        raise ValueError(f"effect {first.about.name!r} has no parameter {wrong[0]!r} of its shape: {listed}")
+    typed = {name: type(getattr(first, name))(value) for name, value in values.items()}
+    alike = {n: v for n, v in typed.items() if all(getattr(e, n, None) == getattr(first, n) for e in group)}
+    others: tuple[Any, ...] = group[1:]
+    return (replace(first, **typed), *(replace(effect, **alike) for effect in others))
 
 
 STILL = 1e-4  # of a usual size: none

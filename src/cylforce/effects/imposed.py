@@ -1,9 +1,8 @@
 """Effects of the library switched on in the simulated machine: at a place, with sizes, for a time."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
 from math import hypot, inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from cylforce.effects.fault import (
     TimeCourse,
     places,
     rubbing,
+    shaped,
 )
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.effects.loads.carried import RAMP, CarriedLoad, smooth
@@ -78,7 +78,7 @@ def imposed(
     (SI), or a list where it has several; `shape`: values of the effect's own fields, such as a width, by name.
 
     Raises ValueError, in one sentence, for an unknown name, place or field and for an implausible size."""
-    group = _shaped(_named(machine, name, at, library), shape or {})
+    group = shaped(_named(machine, name, at, library), shape or {})
     about = group[0].about
     where = dict(places(machine, about.place))
     if at not in where:
@@ -109,22 +109,6 @@ def _named(machine: Machine, name: str, at: str, library: tuple[Group, ...]) -> 
         known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
         raise ValueError(f"effect {name!r} is not known: choose one of {known}")
     return next((group for group in found if at in dict(places(machine, group[0].about.place))), found[0])
-
-
-def _shaped(group: Group, shape: Mapping[str, float]) -> Group:
-    """The group with the fields of `shape` set: all of them in the first effect, in the others those that all effects
-    of the group have in common."""
-    if not shape:
-        return group
-    first: Any = group[0]
-    wrong = [key for key in shape if key not in {f.name for f in fields(first)}]
-    if wrong:
-        known = ", ".join(f.name for f in fields(first)) or "it has none"
-        raise ValueError(f"effect {first.about.name!r} has no parameter {wrong[0]!r} of its shape: {known}")
-    typed = {key: type(getattr(first, key))(value) for key, value in shape.items()}
-    shared = {key: value for key, value in typed.items() if all(getattr(e, key) == getattr(first, key) for e in group)}
-    rest: tuple[Any, ...] = group[1:]
-    return (replace(first, **typed), *(replace(effect, **shared) for effect in rest))
 
 
 def _check(found: Imposed) -> None:
@@ -230,14 +214,41 @@ def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> A
 
 def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> CarriedLoad:
     """The load `carried`, changed by incidents (spilled, shifted) at times t (T,) [s]; its inertia is scaled with its
-    mass. Raises ValueError when more is spilled than there is."""
-    mass, x, z = (carried.mass + _incidents(effects, t, ("load.mass",))[:, 0], *carried.centre.T)
+    mass. What changes is the load that is in the bucket when an incident begins, until the bucket is emptied; the next
+    load is not changed. Raises ValueError when more is spilled than there is."""
+    changes = np.zeros((len(t), 3))
+    for each in effects:
+        wanted = np.array([_size(each, what) for what in ("load.mass", "load.X", "load.Z")])
+        if np.any(wanted):
+            changes += (each.during(t) * _still_carried(carried.mass, t, each.begin))[:, None] * wanted
+    mass, x, z = (carried.mass + changes[:, 0], *carried.centre.T)
     if np.any(mass < 0.0):
         raise ValueError("more falls out of the bucket than there is in it")
     some = np.maximum(mass, 1e-9)
-    moments = carried.mass[:, None] * np.stack([x, z], axis=-1) + _incidents(effects, t, ("load.X", "load.Z"))
+    moments = carried.mass[:, None] * np.stack([x, z], axis=-1) + changes[:, 1:]
     inertia = carried.inertia * mass / np.maximum(carried.mass, 1e-9)
     return CarriedLoad(mass, np.where(mass[:, None] > 0.0, moments / some[:, None], 0.0), inertia)
+
+
+def _still_carried(mass: Array, t: Array, begin: float) -> Array:
+    """Share (T,) of the load that was in the bucket at `begin` [s] that is still there at times t (T,) [s], from the
+    `mass` (T,) [kg] carried without incidents: 0 before, 0 from when the bucket is empty on. 1 where none is carried at
+    all: an unknown load."""
+    after = t >= begin
+    if not np.any(mass > 0.0) or not np.any(after):
+        return np.where(after, 1.0, 0.0)
+    first = int(np.argmax(after))
+    if mass[first] <= 0.0:  # emptied since then, or, within these times, empty when it begins
+        return np.where(after, 0.0 if begin < t[0] else 1.0, 0.0)
+    same_load = np.logical_and.accumulate((mass > 0.0) | ~after)
+    return np.asarray(np.where(after & same_load, np.minimum(mass / mass[first], 1.0), 0.0))
+
+
+def _size(each: Imposed, what: str) -> float:
+    """Size with which an incident changes the quantity `what`, a key of `CHANGED`."""
+    effect = each.group[0]
+    changed = _changed(effect) if isinstance(effect, Incident) else []
+    return each.sizes[changed.index(what)] if what in changed else 0.0
 
 
 def unseen_slew(effects: Sequence[Imposed], t: Array) -> Array:

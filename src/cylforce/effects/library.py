@@ -22,10 +22,12 @@ from cylforce.effects.fault import (
 )
 from cylforce.effects.friction.asymmetric_friction import AsymmetricFriction
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
+from cylforce.effects.friction.counterbalance_pressure import CounterbalancePressure
 from cylforce.effects.friction.end_cushion import EndCushion
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction.friction_temperature_drift import FrictionTemperatureDrift
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
+from cylforce.effects.friction.pin_friction import PinFriction
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
 from cylforce.effects.friction.return_line_loss import ReturnLineLoss
 from cylforce.effects.friction.stribeck import Stribeck
@@ -34,6 +36,8 @@ from cylforce.effects.geometry.backlash import Backlash
 from cylforce.effects.geometry.boom_motion import BoomMotion
 from cylforce.effects.geometry.compliance import Compliance
 from cylforce.effects.geometry.linkage_geometry import LinkageGeometry
+from cylforce.effects.geometry.ringing_compliance import RingingCompliance
+from cylforce.effects.geometry.soft_ground import SoftGround
 from cylforce.effects.incidents.clock_fault import ClockFault
 from cylforce.effects.incidents.payload_shift import PayloadShift
 from cylforce.effects.incidents.payload_spill import PayloadSpill
@@ -46,59 +50,61 @@ from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.sensors.angle_offset import AngleOffset
 from cylforce.effects.sensors.angle_scale import AngleScale
 from cylforce.effects.sensors.delay import Delay
+from cylforce.effects.sensors.encoder_eccentricity import EncoderEccentricity
 from cylforce.effects.sensors.intermittent_glitch import IntermittentGlitch
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.effects.sensors.pressure_sensor_hysteresis import PressureSensorHysteresis
+from cylforce.effects.sensors.pressure_zero_settling import PressureZeroSettling
 from cylforce.effects.sensors.tilt_ignored import TiltIgnored
 from cylforce.mechanics.machine import Machine
 
-# Shares (extending, retracting) of a line loss: both ways alike, half (the rod side returns less oil), one way only.
-WAYS = ((1.0, 1.0), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
-SET = (0.0, 0.5, 1.0)  # shares of a range: its low end, middle and high end
-# 1/s, inverse of a pressure sensor's thermal time constant: 0.1 kg of steel, in air or wetted by oil, takes 2 to 20
-# minutes; 0: the oil, and with it the zero, drifts on.
-WARMING = (0.0, 1.0 / 1200.0, 1.0 / 400.0, 1.0 / 120.0)
 UNKNOWN = "unknown"  # what no effect of the library is (see `effects/unknown.py`)
-OIL = (300.0, 900.0, 2700.0)  # s: thermal time constant of a small circuit, a tank, and a tank with its machine
+BOTH = (False, True), (False, True)  # which friction drifts: viscous only; from cold, or to warm
 PARTS = 5  # pins and bars of a four-bar linkage, the largest that there is
 
 Group = tuple[Fault, ...]  # effects of one name that act together, each with its own size
 
-# Where a law has a width, a decay or a power, it stands several times, over a plausible range; the diagnosis chooses
-# among them. The values are chosen, each about 2 to 4 times the one before.
+# Where a law has a continuous parameter (`shapes`), such as a width or a time constant, it stands here with one to
+# three starting values, from which the diagnosis refines it. The values are chosen, evenly over its range.
 
 LIBRARY: tuple[Group, ...] = (
     (CoulombFriction(),),
     (ViscousFriction(),),
     (FrictionLevelChange(),),
-    *((Stribeck(width),) for width in (0.006, 0.015, 0.04)),
-    *((LoadDependentFriction(easing=easing),) for easing in (0.0, 3e-6)),
+    *((Stribeck(width),) for width in (0.008, 0.025)),
+    *((LoadDependentFriction(easing=easing),) for easing in (0.0, 5e-6)),
     *((AsymmetricFriction(way=way),) for way in (0, 1, -1)),
-    *((PreslidingHysteresis(way),) for way in (0.0005, 0.0015, 0.003, 0.006)),
-    *((FrictionTemperatureDrift(oil, *which),) for oil in OIL for which in product((False, True), (False, True))),
-    *((FrictionTemperatureDrift(viscous=viscous, alone=True),) for viscous in (False, True)),
-    *((ReturnLineLoss(*ways, power),) for ways in WAYS for power in (1.75, 2.0)),
-    *((EndCushion(length, end),) for length in (0.05, 0.12) for end in (1, -1, 0)),
+    (PinFriction(),),
+    (CounterbalancePressure(),),
+    *((PreslidingHysteresis(way),) for way in (0.0007, 0.003)),
+    *((FrictionTemperatureDrift(oil, *which),) for oil in (300.0, 60.0, 1500.0) for which in product(*BOTH)),
+    *((FrictionTemperatureDrift(300.0, viscous=viscous, alone=True),) for viscous in (False, True)),
+    (ReturnLineLoss(way=1), ReturnLineLoss(way=-1)),
+    *((EndCushion(0.08, end),) for end in (1, -1, 0)),
     (PressureOffset(),),
     (PressureGain(),),
-    *((PressureDrift(fading),) for fading in WARMING),
+    *((PressureDrift(fading),) for fading in (0.0, 1.0 / 300.0)),
+    *((PressureZeroSettling(settling),) for settling in (60.0, 600.0)),
     *((PressureSensorHysteresis(opening),) for opening in (0.0, 30e5)),
     (AngleOffset(),),
-    *((AngleScale(right),) for right in SET),
+    (AngleScale(),),
+    (EncoderEccentricity(), EncoderEccentricity(across=True)),
     (Delay(),),
     (TiltIgnored(), TiltIgnored(across=True)),
     *((LinkageGeometry(part), LinkageGeometry(part, across=True)) for part in range(PARTS)),
     (ExtraMass(),),
     (FirstMomentChange(),),
-    *((Mud(filling),) for filling in (0.0, 200.0)),
-    *((HoseSpring(rest, cubic),) for rest in SET for cubic in (False, True)),
-    *((Compliance(stiffening),) for stiffening in (0.0, 5e-6, 2e-5, 6e-5)),
-    *((Backlash(falling),) for falling in (0.005, 0.015, 0.04)),
+    *((Mud(slowing),) for slowing in (0.0, 1.0 / 200.0)),
+    *((HoseSpring(cubic=cubic),) for cubic in (False, True)),
+    *((Compliance(stiffening),) for stiffening in (0.0, 1e-5)),
+    *((RingingCompliance(frequency),) for frequency in (1.5, 4.0)),
+    *((Backlash(pushed=pushed),) for pushed in (False, True)),
     (TipForce(),),
     (Slew(),),
     (BoomMotion(),),
+    (SoftGround(),),
     (PayloadSpill(),),
     (PayloadShift(),),
     (ClockFault(),),

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.numbers import HAPPENS, IN_ORDER, MASS
+from cylforce.diagnosis.constants import CREDIBLE, HEALTHY, INCIDENT
 from cylforce.fleet.causes import FRICTIONS, UNKNOWN, ChangeCause
 from cylforce.fleet.history import History
 from cylforce.signals.estimate import Array
@@ -71,7 +71,7 @@ class MachineChange(NamedTuple):
     @property
     def may_grow(self) -> bool:
         """Return whether it is reported as a step, but may as well be a slope."""
-        return self.shape is Shape.STEP and self.growing > 1.0 - MASS
+        return self.shape is Shape.STEP and self.growing > 1.0 - CREDIBLE
 
 
 class _Courses(NamedTuple):
@@ -105,7 +105,7 @@ class _Posterior(NamedTuple):
         return float(np.logaddexp(self.none, _log_sum(np.concatenate([of_cause.ravel() for of_cause in self.logs]))))
 
 
-def changes(history: History, causes: Sequence[ChangeCause], sure: float = MASS) -> list[MachineChange]:
+def changes(history: History, causes: Sequence[ChangeCause], sure: float = CREDIBLE) -> list[MachineChange]:
     """Return all changes of a machine with at least the probability `sure`, the most probable first.
 
     Single days that differ are among them, but do not count for the limit MOST_CHANGES. Where there are several
@@ -176,8 +176,8 @@ def _possible_courses(history: History) -> _Courses:
     shape = (*[Shape.STEP] * len(steps), *[Shape.SLOPE] * len(slopes), *[Shape.DAY] * n)
     first = np.concatenate([np.arange(1, n), np.arange(1, len(slopes) + 1), np.arange(n)])
     kinds = len(steps) + len(slopes)
-    lasting = (1.0 - IN_ORDER - HAPPENS) / kinds
-    prior = np.concatenate([np.full(kinds, lasting), np.full(n, HAPPENS / n)])
+    lasting = (1.0 - HEALTHY - INCIDENT) / kinds
+    prior = np.concatenate([np.full(kinds, lasting), np.full(n, INCIDENT / n)])
     return _Courses(course=course, shape=shape, first=first, prior=np.where(alive[first], prior, 1e-300))
 
 
@@ -193,7 +193,7 @@ def _posterior(history: History, causes: Sequence[ChangeCause], courses: _Course
     for c, factors in zip(causes, _evidence(information, pull, causes), strict=True):
         prior = np.log(courses.prior) - np.log(len(shares) * shares[c.name, c.at] * len(c.spreads))
         logs.append(factors + np.where(once & (c.name == UNKNOWN), -np.inf, prior)[:, None])
-    return _Posterior(logs=tuple(logs), none=float(np.log(IN_ORDER)))
+    return _Posterior(logs=tuple(logs), none=float(np.log(HEALTHY)))
 
 
 def _evidence(information: Array, pull: Array, causes: Sequence[ChangeCause]) -> list[Array]:
@@ -249,7 +249,7 @@ def _likeliest(history: History, causes: Sequence[ChangeCause], sure: float) -> 
     best = max(likeliest, key=lambda k: float(np.max(logs[k])))
     slope = np.array([shape is Shape.SLOPE for shape in courses.shape])
     growing = float(np.exp(_log_sum(logs[best][slope]) - _log_sum(logs[best])))
-    h = int(np.argmax(np.where(slope & (growing < MASS), -np.inf, logs[best])))
+    h = int(np.argmax(np.where(slope & (growing < CREDIBLE), -np.inf, logs[best])))
     at_first = logs[best][courses.first == courses.first[h]]
     cause = causes[best]
     size, error = _size(history, cause, courses.course[[h]], posterior.logs[best][h])
@@ -290,12 +290,12 @@ def _shares(causes: Sequence[ChangeCause], probability: Array) -> list[CauseShar
 
 
 def _credible_set(shares: Sequence[CauseShare]) -> tuple[CauseShare, ...]:
-    """Return the smallest set of causes with the probability MASS; `shares`: the largest first."""
+    """Return the smallest set of causes with the probability CREDIBLE; `shares`: the largest first."""
     credible, mass = list[CauseShare](), 0.0
     for share in shares:
         credible.append(share)
         mass += share.probability
-        if mass >= MASS:
+        if mass >= CREDIBLE:
             break
     return tuple(credible)
 

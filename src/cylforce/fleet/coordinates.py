@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.numbers import EVERYDAY, USUALLY
+from cylforce.diagnosis.constants import CREEP_CHANGE, VARYING_CHANGE
+from cylforce.diagnosis.model import CREEP
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.stribeck import Stribeck
@@ -92,7 +93,7 @@ def coordinates(model: Model) -> tuple[Coordinate, ...]:
 def _of_sensor(machine: Machine, p: Proposal) -> Coordinate:
     """Return the quantity of a sensor's zero or offset."""
     if p.name == AngleOffset().about.name:
-        return Coordinate(f"{p.at}.{OFFSET}", p.about.unit.split()[0], p.about.high, USUALLY * p.about.low)
+        return Coordinate(f"{p.at}.{OFFSET}", p.about.unit.split()[0], p.about.high, VARYING_CHANGE * p.about.low)
     cylinder = machine.cylinders[machine.signals[p.where].index]
     return Coordinate(f"{cylinder.name}.{ZERO}", p.about.unit, p.about.high, EXPECTED.zero)
 
@@ -100,13 +101,13 @@ def _of_sensor(machine: Machine, p: Proposal) -> Coordinate:
 def _daily(model: Model, name: str, areas: dict[str, float]) -> float:
     """Return the day-to-day spread of a parameter before any recording, as the diagnosis assumes it."""
     at, _, symbol = name.rpartition(".")
-    moment = USUALLY * FirstMomentChange().about.low
+    moment = VARYING_CHANGE * FirstMomentChange().about.low
     if symbol in ("coulomb", "viscous"):
         force = EXPECTED.friction * TYPICAL_FRICTION * areas[at]
         return force if symbol == "coulomb" else force / SPEED
     laws = {"load_dependent": LoadDependentFriction().about, "delay": Delay().about, "stribeck": Stribeck().about}
     if symbol in laws:
-        return EVERYDAY.get(laws[symbol].name, USUALLY) * laws[symbol].low
+        return (CREEP_CHANGE if laws[symbol].name in CREEP else VARYING_CHANGE) * laws[symbol].low
     if symbol in ("J", "D_excess", "E"):
         return moment * next(link.length for link in model.machine.links if link.name == at)
     return moment
@@ -121,7 +122,7 @@ def joint_coordinates(model: Model) -> tuple[Coordinate, ...]:
     level, mass = FrictionLevelChange().about, ExtraMass().about
     frictions = [Coordinate(f"{c.name}.{LEVEL}", level.unit, NEVER, EXPECTED.friction) for c in model.machine.cylinders]
     names = [model.machine.links[j].name for j in model.machine.rows]
-    masses = [Coordinate(f"{name}.{CARRIED}", mass.unit, NEVER, USUALLY * mass.low) for name in names]
+    masses = [Coordinate(f"{name}.{CARRIED}", mass.unit, NEVER, VARYING_CHANGE * mass.low) for name in names]
     return (*frictions, *masses)
 
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from cylforce.commissioning.explained import row_noise
 from cylforce.commissioning.wiring import MISFIT, misfit
-from cylforce.diagnosis.columns.recorded import GapRows, Recorded
-from cylforce.diagnosis.columns.rows import RATE_HZ, Viewer
+from cylforce.diagnosis.constants import ROWS_HZ
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import Regressors, TorqueRows
 from cylforce.effects.library import Proposal
 from cylforce.estimation.batch import least_squares
 from cylforce.estimation.blocks import Factors, factors, joined, of_row, stacked_triangle
@@ -76,14 +77,14 @@ class Evidence(NamedTuple):
         return np.asarray(np.sqrt(np.maximum(squares, 0.0) / count[:, None]))
 
 
-def evidence(model: Model, recorded: Sequence[Recorded]) -> Evidence:
+def evidence(model: Model, recorded: Sequence[Recording]) -> Evidence:
     """Return the statistics of a recording's gapless stretches, as those of the empty machine.
 
     A recording `at_work` gives no information about the machine. Raises ValueError, in a sentence, where nothing moves.
     """
-    first = _factors(Viewer(model, model.prior.mean), recorded, ())
+    first = _factors(Regressors(model, model.prior.mean), recorded, ())
     tares = least_squares(first, row_noise(first, model.prior), model.prior).values
-    data = _factors(Viewer(model, tares), recorded, sensor_errors(model.machine))
+    data = _factors(Regressors(model, tares), recorded, sensor_errors(model.machine))
     prior = prior_of(model)
     noise = row_noise(data, prior)
     fit = least_squares(data, noise, prior)
@@ -92,7 +93,7 @@ def evidence(model: Model, recorded: Sequence[Recorded]) -> Evidence:
     parts = [_squared(stacked_triangle(_some(data, group), weight[group])) for group in groups]
     joints = [_squared(stacked_triangle(of_row(data, r), fit.trust[:, [r]])) for r in range(weight.shape[1])]
     samples = np.sum(data.samples * fit.trust**2, axis=0)
-    seconds = float(np.max(np.sum(data.samples, axis=0)) / RATE_HZ)
+    seconds = float(np.max(np.sum(data.samples, axis=0)) / ROWS_HZ)
     return Evidence(
         parts=np.array(parts),
         joints=np.array(joints),
@@ -125,17 +126,17 @@ def _squared(triangle: Array) -> Array:
     return np.asarray(triangle.T @ triangle)
 
 
-def _factors(viewer: Viewer, recorded: Sequence[Recorded], wanted: Sequence[Proposal]) -> Factors:
+def _factors(regressors: Regressors, recorded: Sequence[Recording], wanted: Sequence[Proposal]) -> Factors:
     """Return the factors of the recording in blocks of BLOCK_S. Raises ValueError where nothing moves."""
-    parts = [_blocked(viewer, viewer.rows(stretch, wanted)) for stretch in recorded]
+    parts = [_blocked(regressors, regressors.rows(stretch, wanted)) for stretch in recorded]
     data = joined(parts, MOST_BLOCKS)
     if not np.any(data.samples):
         raise ValueError("no cylinder moves, so that the recording shows nothing of the machine")
     return data
 
 
-def _blocked(viewer: Viewer, rows: GapRows) -> Factors:
+def _blocked(regressors: Regressors, rows: TorqueRows) -> Factors:
     """Return the factors of one stretch."""
     columns = np.concatenate([rows.base, rows.effects], axis=-1, dtype=np.float64)
-    torque = rows.left + rows.base @ viewer.tares
-    return factors(columns, torque, np.zeros_like(torque), round(BLOCK_S * RATE_HZ))
+    torque = rows.residual + rows.base @ regressors.parameters
+    return factors(columns, torque, np.zeros_like(torque), round(BLOCK_S * ROWS_HZ))

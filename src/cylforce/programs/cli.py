@@ -8,6 +8,7 @@ from typer.core import TyperGroup
 
 import cylforce
 from cylforce.programs.commands import (
+    checkup,
     commission,
     config,
     demo,
@@ -73,6 +74,7 @@ app.command(epilog=display.EXAMPLE)(display.display)
 app.command(epilog=scale.EXAMPLE)(scale.scale)
 app.command(epilog=replay.EXAMPLE)(replay.replay)
 app.command(epilog=gap.EXAMPLE)(gap.gap)
+app.command(epilog=checkup.EXAMPLE)(checkup.checkup)
 app.command(epilog=fleet.EXAMPLE)(fleet.fleet)
 app.command(epilog=sim.EXAMPLE)(sim.sim)
 app.command(epilog=demo.EXAMPLE)(demo.demo)

@@ -11,11 +11,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cylforce.diagnosis.answer.patch import patch
-from cylforce.diagnosis.answer.shrinkage import written
-from cylforce.files.atomic import replacing
+from cylforce.diagnosis.explain import blocks_of
+from cylforce.files.atomic import RecordingError, replacing
+from cylforce.files.motion_table import write_motion
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.tables import print_table
+from cylforce.programs.experiments.catalogue import checkup
+from cylforce.programs.experiments.motions import table_of
 from cylforce.programs.gap import Diagnosed
 from cylforce.programs.wording.plain import MOST_OF, Plain, looked, percent, plain
 from cylforce.signals.estimate import Array
@@ -43,15 +45,18 @@ def write_all(found: Diagnosed, report: str | None, outputs: Outputs) -> None:
 
 
 def _residuals(found: Diagnosed) -> dict[str, Array]:
-    """What is left of every recording before and after: NAME.t, NAME.before, NAME.after."""
+    """Return the residual of every recording before and after: NAME.t, NAME.before, NAME.after."""
     columns: dict[str, list[Array]] = {}
     begins: dict[str, float] = {}  # of a recording's first stretch
-    search, gap = found.search, found.gap
-    for seen, *left in zip(search.original.faulty, gap.nominal, gap.left, strict=True) if search and gap else ():
-        name = Path(seen.recorded.name).stem
-        t = seen.rows.t - begins.setdefault(seen.recorded.name, seen.recorded.begins)
-        for kind, each in zip(("t", "before", "after"), (t, *left), strict=True):
-            columns.setdefault(f"{name}.{kind}", []).append(each)
+    if found.diagnosis is None:
+        return {}
+    seen, both = found.diagnosis.evidence.found.question.seen, found.diagnosis.simulated
+    for each, before, after in zip(seen, both.before, both.after, strict=True):
+        recording = each.recording
+        name = Path(recording.name).stem
+        t = each.rows.t - begins.setdefault(recording.name, recording.begins_s)
+        for kind, values in (("t", t), ("before", before), ("after", after)):
+            columns.setdefault(f"{name}.{kind}", []).append(values)
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
@@ -62,9 +67,25 @@ def _answer_text(found: Diagnosed) -> str:
 
 
 def _patch_text(found: Diagnosed) -> str:
-    """The effects named as blocks of TOML."""
-    part = patch(found.search, written(found.judged)) if found.search else []
+    """Return the named effects as blocks of TOML."""
+    if found.diagnosis is None or not found.diagnosis.named:
+        return "effects = []\n"
+    causes = [named.cause for named in found.diagnosis.named]
+    part = blocks_of(found.diagnosis.evidence.found.question, causes)
     return tomlkit.dumps({"effects": part}) if part else "effects = []\n"
+
+
+def write_next_motion(path: Path, found: Diagnosed, machine: Machine) -> None:
+    """Write the best motion to record next: of the catalogue, else, while the machine works, that of the check-up.
+
+    Raises RecordingError where no motion helps.
+    """
+    plan = found.plan
+    if plan is None or not (plan.advice or plan.stop_first):
+        reason = "no motion of the catalogue says more"
+        raise RecordingError(f"--next-motion {path}: is not written: {reason}; leave the option out")
+    motion = checkup(machine)[0] if plan.stop_first else plan.advice[0].motion
+    write_motion(path, table_of(motion), [link.name for link in machine.links])
 
 
 def show(found: Diagnosed, machine: Machine, console: Console) -> None:

@@ -13,12 +13,15 @@ from rich.markup import escape
 
 from cylforce.commissioning.common_scale import CommonScale
 from cylforce.commissioning.identification import Identification, identify, identify_attachment
+from cylforce.effects.library import LIBRARY
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import TooShortError
 from cylforce.files.atomic import RecordingError, Report, check_outputs, warn
 from cylforce.files.logfile import file_sha256
 from cylforce.files.logreader import log_header
 from cylforce.mechanics.installation import STANDARD
+from cylforce.programs.common.gap_machine import learnt_machine
+from cylforce.programs.common.machine_statistics import statistics_path, write_statistics
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.readings import (
     calibrated,
@@ -28,6 +31,7 @@ from cylforce.programs.common.readings import (
     named_segments,
     tool_models,
 )
+from cylforce.programs.common.recorded import SHORTEST_S, at_own_rate, chosen
 from cylforce.programs.common.tables import print_table
 from cylforce.programs.common.usual_file import usual_parameters
 from cylforce.settings.identified import read_identified, seal_again, write_attachment, write_identified
@@ -78,6 +82,30 @@ def run_identify(
         found = calibrated(loaded, found, how.lift, how.known_kg)
     write_identified(output, found, loaded, [(p.name, file_sha256(p)) for p in recordings])
     return found
+
+
+def run_statistics(
+    loaded: Loaded, recordings: Sequence[Path], output: Path, how: How = JOINTLY, watch: Watch = silent
+) -> Path:
+    """Learn what `cylforce gap --identified` compares with, and write it beside `output`. Return where it stands.
+
+    The recordings of the identification are read once more; a lift of a known weight counts with its load. Raises
+    RecordingError or ValueError.
+    """
+    loaded, _ = at_own_rate(loaded, recordings)
+    loads = {how.lift.name: how.known_kg} if how.lift is not None and how.known_kg is not None else {}
+    paths = [*recordings, *([how.lift] if how.lift is not None else [])]
+    stretches = chosen(loaded, paths, loads, watch, tell=lambda _: None).stretches
+    if not stretches:
+        raise RecordingError(
+            f"no gapless stretch of {SHORTEST_S:.0f} s: {output.name} has no statistics for a diagnosis"
+        )
+    watch("learning the healthy machine", None)
+    tares = read_identified(output, loaded)
+    machine = learnt_machine(loaded, stretches, LIBRARY, tares)
+    path = statistics_path(output)
+    write_statistics(path, machine, loaded, tares)
+    return path
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cylforce.effects.library import LIBRARY
 from cylforce.files.atomic import check_outputs, replacing
 from cylforce.files.candump import event_lines
 from cylforce.files.logfile import BLOCK_LINES, Header, header_lines, running_versions
@@ -16,6 +17,7 @@ from cylforce.files.truth import TruthWriter, truth_columns
 from cylforce.mechanics.installation import STANDARD
 from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.play import Play, prepare
+from cylforce.programs.common.user_library import load_library
 from cylforce.programs.live.sim_bus import play_on_bus
 from cylforce.settings.machine_file import SettingsError
 from cylforce.signals.estimate import Array
@@ -35,6 +37,8 @@ def run_sim(
     seed: int | None = None,
     mass_error: float = 0.1,
     effects: Path | None = None,
+    library: Path | None = None,
+    motion: Path | None = None,
     payload: float = 0.0,
     turning: bool = False,
     attachment: str = STANDARD,
@@ -58,6 +62,11 @@ def run_sim(
         A TOML file of effects of the diagnosis' library (`effects/library.py`): tables `[[effects]]` with `name`,
         `at` (a cylinder, a sensor, a link or "machine"), `value` (SI; a list where the effect has several sizes) and,
         if need be, `shape` (a table of its other parameters), `from_s` and `until_s`.
+    library
+        A Python file with effects of the user's own, which the file of effects may name as well (see
+        `common/user_library.py`).
+    motion
+        A table of joint angles over time (see `files/motion_table.py`) that is played in place of a scenario.
     payload, turning
         The moves with so much in the bucket [kg], with the house turning to and fro.
     attachment
@@ -76,8 +85,8 @@ def run_sim(
         One sentence each.
     """
     _check(scenario, cycles, duration, mass_error)
-    _check_moves(scenario, payload, turning)
-    check_outputs((truth, log, table), (machine_file, effects), (".csv", "", ""))
+    _check_moves("moves" if motion else scenario, payload, turning and motion is None)
+    check_outputs((truth, log, table), (machine_file, effects, library, motion), (".csv", "", ""))
     seed = secrets.randbits(32) if seed is None else seed
     loaded = load_machine(machine_file)
     loaded = loaded._replace(service=loaded.service.fitted(attachment))
@@ -89,8 +98,10 @@ def run_sim(
         mass_error,
         amount=cycles if scenario == "cycles" else duration,
         effects=effects,
+        library=LIBRARY if library is None else (*LIBRARY, *load_library(library, loaded.service.machine)),
         payload=payload,
         turning=turning,
+        motion=motion,
     )
     _check_wanted(bus, truth, log, table)
     if bus is not None:

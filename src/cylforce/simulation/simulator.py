@@ -177,9 +177,8 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
     value = base_values(truth.links, carried)
     value[..., :3] += added_parameters(machine, truth.effects, clock)
     tau = rigid_torque(machine, value, course, attitude) + tip_torque(machine, moving, soil)
-    tau += excess_torque(machine, truth.effects, moving, clock)
     tau += carrying_torque(machine, truth.effects, value, course, attitude, swung)
-    moving, friction = balance(truth, moving, tau, clock)
+    moving, friction = balance(machine, truth, moving, tau, clock)
     head, rod = pressures(machine, truth.back, moving.force, moving.speed)
     place = _plane(turn * tip.place)
     return Physics(
@@ -333,10 +332,11 @@ def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -
     )
 
 
-def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
+def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
     """Return the motion with cylinder forces F, and the friction (T, C) [N] in them.
 
-    lever^T F = tau + torque of the friction. Friction may depend on the force, so that both are found by iteration.
+    lever^T F = tau + torques of the effects and of the friction. Both may depend on the force, so that they are found
+    by iteration.
 
     tau: (T, N) torques that the motion needs [N m]
     t: (T,) time from the start of the run [s]
@@ -347,19 +347,20 @@ def balance(truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion,
     friction = np.zeros_like(frictionless)
     for _ in range(ITERATIONS):
         loaded = moving._replace(force=frictionless + friction)
+        excess = tau + excess_torque(machine, truth.effects, loaded, t)
+        frictionless = (inverse @ excess[..., None])[..., 0]
         by_law = [
             level * c.value * c.law.force(loaded.speed, loaded.force, t)
             for level, c in zip(levels, truth.friction, strict=True)
         ]
-        updated = sum(by_law, excess_force(truth.effects, loaded, t))
-        change, friction = np.max(np.abs(updated - friction), initial=0.0), updated
-        if change < CONVERGED:
+        friction = sum(by_law, excess_force(truth.effects, loaded, t))
+        if np.max(np.abs(frictionless + friction - loaded.force), initial=0.0) < CONVERGED:
             break
     return moving._replace(force=frictionless + friction), friction
 
 
-ITERATIONS = 30  # of force and friction at most; chosen
-CONVERGED = 1e-9  # N, change of the friction at which the iteration ends; chosen: far below any sensor
+ITERATIONS = 30  # of forces and friction at most; chosen
+CONVERGED = 1e-9  # N, change of all forces at which the iteration ends; chosen: far below any sensor
 
 
 def pressures(machine: Machine, back: Array, force: Array, speed: Array) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from cylforce.signals.estimate import Array
 from cylforce.simulation.soil import Dig
@@ -40,17 +41,21 @@ class Move(NamedTuple):
 class JointCourse(NamedTuple):
     """The angle of one joint, or of the house, over time.
 
-    begin: angle at the beginning [rad]
-    steps: strokes that are added to it
+    begin:   angle at the beginning [rad]
+    steps:   strokes that are added to it
+    sampled: change of a recorded or written motion since the start [rad] over time [s], added as well; None: no such
+             motion
     """
 
     begin: float
     steps: tuple[Move, ...] = ()
+    sampled: CubicSpline | None = None
 
     @property
     def end(self) -> float:
         """Return the angle [rad] after all strokes."""
-        return self.begin + sum(step.rise for step in self.steps)
+        last = 0.0 if self.sampled is None else float(self.sampled(self.sampled.x[-1]))
+        return self.begin + last + sum(step.rise for step in self.steps)
 
     def at(self, t: Array) -> Array:
         """Return angle, rate and acceleration (3, T) [rad, rad/s, rad/s^2] at ascending times t (T,) [s].
@@ -64,6 +69,8 @@ class JointCourse(NamedTuple):
             course[:, first:after] += _stroke(step, t[first:after])
             completed[after] += step.rise
         course[0] += self.begin + np.cumsum(completed[:-1])
+        if self.sampled is not None:
+            course += np.stack([self.sampled(t, order) for order in range(3)])
         return course
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
@@ -36,6 +36,11 @@ class EndCushion:
             1,
             form=0.2,  # chosen: taper and gap differ from machine to machine
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """Cushions of cylinders from 40 to 200 mm bore: 20 to 200 mm."""
+        return (ShapeRange("length", 0.02, 0.2, log=True),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
         """Torques (T, N) of the cylinders per newton of f at 0.1 m/s and full depth."""

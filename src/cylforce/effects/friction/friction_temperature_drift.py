@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.signals.estimate import Array
 
 
@@ -36,6 +36,11 @@ class FrictionTemperatureDrift:
             "the same strokes at the start and the end of a shift, oil temperature noted",
             form=0.1,  # chosen: viscosity is exponential in the temperature, and work is not even
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """Oil of one cylinder at hard work warms within 20 s, a tank with its machine in an hour."""
+        return (ShapeRange("settling", 20.0, 3600.0, log=True),)
 
     @property
     def laws(self) -> tuple[str, ...]:

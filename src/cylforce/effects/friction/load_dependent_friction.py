@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.signals.estimate import Array
 
 
@@ -28,6 +28,11 @@ class LoadDependentFriction:
             "in motion, more under load",
             "the same slow strokes empty and with a known load",
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """From friction in proportion to the load to one that saturates at 50 kN."""
+        return (ShapeRange("easing", 0.0, 2e-5, log=True, shift=2e-6),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
         """Force per unit of a: |F| sgn(v), or (1 - exp(-e |F|)) / e sgn(v), sgn(v) rounded as tanh(v / rounding)."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.signals.estimate import Array
 from cylforce.signals.recurrence import clipped, followed
 
@@ -32,6 +32,11 @@ class PreslidingHysteresis:
             1,
             form=0.2,  # chosen: the true shape of the build-up differs from machine to machine
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """Seals bend by 0.2 to 8 mm before they slide."""
+        return (ShapeRange("way", 0.0002, 0.008, log=True),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
         """Force per newton of f: z - sgn(v) (T,); z is integrated exactly over the movement beyond the `slack`, from

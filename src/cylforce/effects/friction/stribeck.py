@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.signals.estimate import Array
 
 
@@ -29,6 +29,11 @@ class Stribeck:
             1,
             form=0.2,  # chosen: the true width and shape differ from machine to machine
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """Stribeck speeds of oiled seals and bushes: 5 to 50 mm/s."""
+        return (ShapeRange("width", 0.005, 0.05, log=True),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
         """Force per newton of f: exp(-(v / width)^2) sgn(v), sgn(v) rounded as tanh(v / rounding)."""

@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine, base_parameters
-from cylforce.mechanics.reading import angle_signal, rigid_torque
+from cylforce.mechanics.reading import angle_signal, followed, measured_torque, rigid_torque
 from cylforce.signals.estimate import Array
+
+SMOOTHING = 0.03  # s: noise of pressures does not throw a link to and fro; chosen, below the time of a fall
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,9 +17,11 @@ class Backlash:
     """Play in a joint, beyond the cylinder and its friction: the measured angle is wrong by half the play, towards the
     side to which the weight and the motion of what hangs there press. Where that torque changes its sign, it falls to
     the other side as fast as the torque moves its inertia, and stays (no rebound). Where it never does, play is an
-    offset of the angle, and no effect of its own."""
+    offset of the angle, and no effect of its own. With `pushed` the play is between the joint and its cylinder, whose
+    friction lies on the far side: the angle jumps where the torque of the measured forces changes its sign."""
 
-    falling: float = 0.015  # rad, play by which the time of the fall is told: it grows with the cube root only
+    falling: float = 0.015  # rad, play from which the time of the fall is computed: it grows with the square root only
+    pushed: bool = False
 
     @property
     def about(self) -> About:
@@ -34,6 +38,11 @@ class Backlash:
             form=0.2,  # chosen: it rebounds, and its load moves it differently
         )
 
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """As wide as plays are: about.low to about.high."""
+        return (ShapeRange("falling", 0.002, 0.05, log=True),)
+
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The signals (T, S) with the joint's angle changed to a + size/2 s, s from -1 to 1: the place within the
         play. The same object without an angle sensor."""
@@ -42,11 +51,17 @@ class Backlash:
             return values
         inertia = float(np.sum(base_parameters(machine.links)[3 * where :: 3]))
         if len(t) > 1 and inertia > 0.0:
-            pressed = np.nan_to_num(rigid_torque(machine, values, t, where)) / inertia  # not known: it stays
+            pressed = np.nan_to_num(self._pressing(machine, values, t, where)) / inertia  # not known: it stays
             place = fallen(pressed, float(np.mean(np.diff(t))), self.falling)
             if np.any(place != place[0]):
                 found[:, signal] += size / 2.0 * place
         return found
+
+    def _pressing(self, machine: Machine, values: Array, t: Array, where: int) -> Array:
+        """Torque (T,) [N m] that decides on which side of the play the joint lies."""
+        if self.pushed:
+            return followed(np.nan_to_num(measured_torque(machine, values, where)), t, SMOOTHING)
+        return rigid_torque(machine, values, t, where)
 
 
 def fallen(pressed: Array, step: float, play: float) -> Array:

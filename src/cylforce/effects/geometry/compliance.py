@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.reading import angle_signal, followed, measured_torque
 from cylforce.signals.estimate import Array
@@ -29,6 +29,11 @@ class Compliance:
             "the same poses empty and with a known load, the tip surveyed",
             1,
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """From a spring to joints that stiffen at 10 kN m."""
+        return (ShapeRange("stiffening", 0.0, 1e-4, log=True, shift=2e-6),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The signals (T, S) with the joint's angle changed to a + size tau / (1 + (stiffening tau)^2)^(1/4), tau: the

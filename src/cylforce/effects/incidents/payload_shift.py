@@ -7,7 +7,7 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class PayloadShift:
-    """A load that moves in the bucket: its centre changes, its mass does not."""
+    """A load that moves in the bucket: its centre changes, its mass does not, until the bucket is emptied."""
 
     @property
     def about(self) -> About:

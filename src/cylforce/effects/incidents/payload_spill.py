@@ -7,7 +7,8 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class PayloadSpill:
-    """A load of which a part falls out: mass and first moments change at one instant."""
+    """A load of which a part falls out: its mass and first moments change at one instant, until the bucket is emptied.
+    The next load is whole."""
 
     @property
     def about(self) -> About:

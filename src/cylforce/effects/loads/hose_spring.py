@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
@@ -36,6 +36,11 @@ class HoseSpring:
             1,
             form=0.1,  # chosen: a loop of hose is no exact spring
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """Anywhere in the range of the joint."""
+        return (ShapeRange("rest", 0.0, 1.0),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
         """Torques (T, N) of the cylinders per N m/rad of k: x, or x (x / h)^2, at joint `where`."""

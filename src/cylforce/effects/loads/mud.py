@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
@@ -14,9 +14,9 @@ USUAL = 600.0  # s after which the mass is told
 @dataclass(frozen=True, slots=True)
 class Mud:
     """Mud on a link, none at the start of the recording and `size` [kg] after ten minutes: growing evenly, or, with
-    `filling`, ever more slowly as the places where it sticks are filled, 1 - exp(-t / filling)."""
+    `slowing`, ever more slowly as the places where it sticks are filled, 1 - exp(-slowing t)."""
 
-    filling: float = 0.0  # s; 0: it grows evenly
+    slowing: float = 0.0  # 1/s, inverse of the time in which the places are filled; 0: it grows evenly
 
     @property
     def about(self) -> About:
@@ -32,6 +32,11 @@ class Mud:
             1,
             form=0.1,  # chosen: it does not grow evenly
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """From even growth to places that are filled within a minute."""
+        return (ShapeRange("slowing", 0.0, 1.0 / 60.0, log=True, shift=1.0 / 2000.0),)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -56,7 +61,7 @@ class Mud:
 
     def grown(self, t: Array) -> Array:
         """Share of that mass at times t (T,) [s]: t / 600 s, or
-        (1 - exp(-t / filling)) / (1 - exp(-600 s / filling))."""
-        if not self.filling:
+        (1 - exp(-slowing t)) / (1 - exp(-slowing 600 s))."""
+        if not self.slowing:
             return np.asarray(t / USUAL)
-        return np.asarray(np.expm1(-t / self.filling) / np.expm1(-USUAL / self.filling))
+        return np.asarray(np.expm1(-self.slowing * t) / np.expm1(-self.slowing * USUAL))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
@@ -27,6 +27,11 @@ class AngleScale:
             "more the farther from where it was set",
             "each joint at both end stops",
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """It is set anywhere in its range."""
+        return (ShapeRange("right", 0.0, 1.0),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The signals (T, S) with signal `where` changed to a + size (a - a_0)."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
@@ -28,6 +28,11 @@ class PressureDrift:
             "more and more as the recording goes on",
             "the zero before and after the shift",
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """From a drift that goes on to a sensor that is warm within 20 s."""
+        return (ShapeRange("fading", 0.0, 1.0 / 20.0, log=True, shift=1.0 / 2000.0),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The signals (T, S) with signal `where` changed to p + size t, or to p + size (1 - exp(-f t)) / f with

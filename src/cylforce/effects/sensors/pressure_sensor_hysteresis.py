@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.recurrence import clipped, followed
@@ -36,6 +36,11 @@ class PressureSensorHysteresis:
             1,
             form=0.1,  # chosen: real loops lie between both forms
         )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """Of a diaphragm: 3 to 100 bar. A play has none."""
+        return (ShapeRange("opening", 3e5, 100e5, log=True),) if self.opening else ()
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """The signals (T, S) with signal `where` changed to p - error. A negative size takes the error out of a

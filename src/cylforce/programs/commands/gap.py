@@ -16,6 +16,9 @@ def gap(
     reference: Annotated[
         list[Path] | None, typer.Option(help="A recording of the machine in order. May be repeated.")
     ] = None,
+    simulation: Annotated[
+        list[Path] | None, typer.Option(help="A recording of your own simulation of it. May be repeated.")
+    ] = None,
     identified: IdentifiedFile = None,
     load: Annotated[
         list[str] | None, typer.Option(metavar="FILE=KG", help="The known load in one recording. May be repeated.")
@@ -24,12 +27,19 @@ def gap(
     without: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Leave this effect out of the library. May be repeated.")
     ] = None,
+    library: Annotated[
+        Path | None, typer.Option(metavar="FILE.py", help="Effects of your own, one class each.")
+    ] = None,
     usual: UsualFile = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the answer there.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write a report there: one HTML file, with figures.")] = None,
     patch: Annotated[Path | None, typer.Option(help="Write the effects found there, for `sim --effects`.")] = None,
     residuals: Annotated[
         Path | None, typer.Option(help="Write the unexplained torques before and after there (npz).")
+    ] = None,
+    next_motion: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.csv", help="Write the motion to record next there: joint angles over time."),
     ] = None,
     cache: Annotated[
         bool, typer.Option(help="Keep what was computed of the references in the user's cache folder.")
@@ -40,25 +50,32 @@ def gap(
     Names the joint, the effect, its size, and how far the gap shrinks once it is simulated."""
     from rich.console import Console
 
+    from cylforce.effects.library import LIBRARY
     from cylforce.files.atomic import check_outputs
     from cylforce.programs.common.gap_question import Question, known_loads
     from cylforce.programs.common.machine_file import load_machine
     from cylforce.programs.common.progress import progress_bar
-    from cylforce.programs.common.row_cache import RowCache, cache_folder
+    from cylforce.programs.common.statistics_cache import StatisticsCache, cache_folder
+    from cylforce.programs.common.user_library import load_library
     from cylforce.programs.gap import STEPS, diagnose
-    from cylforce.programs.gap_output import Outputs, show, write_all
+    from cylforce.programs.gap_output import Outputs, show, write_all, write_next_motion
     from cylforce.programs.reports.report import check_extra, gap_report
 
     if html is not None:
         check_extra()
-    inputs = (machine, *field, *(reference or ()), identified, usual)
-    check_outputs((output, patch, html, residuals), inputs, (".json", ".toml", ".html", ".npz"))
+    healthy = tuple(reference or ()), tuple(simulation or ())
+    inputs = (machine, *field, *healthy[0], *healthy[1], identified, usual, library)
+    outputs = (output, patch, html, residuals, next_motion)
+    check_outputs(outputs, inputs, (".json", ".toml", ".html", ".npz", ".csv"))
     loads = known_loads(load or ())
-    question = Question(tuple(field), tuple(reference or ()), identified, loads, only, tuple(without or ()), usual)
+    question = Question(tuple(field), healthy[0], identified, loads, only, tuple(without or ()), usual, healthy[1])
     loaded, folder = load_machine(machine), cache_folder() if cache else None
-    kept = RowCache(folder) if folder else None
-    with progress_bar(len(question.field) + len(question.reference) + STEPS + (html is not None)) as watch:
-        found = diagnose(loaded, question, watch=watch, kept=kept)
+    own = () if library is None else load_library(library, loaded.service.machine)
+    kept = StatisticsCache(folder) if folder else None
+    with progress_bar(len(question.field) + len(question.healthy) + STEPS + (html is not None)) as watch:
+        found = diagnose(loaded, question, (*LIBRARY, *own), watch=watch, cache=kept)
         report = None if html is None else gap_report(loaded, question, found, watch)
     write_all(found, report, Outputs(output, patch, html, residuals))
+    if next_motion is not None:
+        write_next_motion(next_motion, found, loaded.service.machine)
     show(found, loaded.service.machine, Console(highlight=False))

@@ -26,6 +26,9 @@ def identify(
         typer.Option(help="The tool on the machine: its tares are added to the file."),
     ] = "standard",
     usual: UsualFile = None,
+    statistics: Annotated[
+        bool, typer.Option(help="Also write what `gap --identified` compares with: OUTPUT.statistics.npz.")
+    ] = True,
     refuse: Annotated[
         bool,
         typer.Option(
@@ -40,21 +43,30 @@ def identify(
     A log of cylforce names its machine file itself; for other recordings name it first."""
     from rich.console import Console
 
-    from cylforce.files.atomic import check_outputs
+    from cylforce.files.atomic import RecordingError, check_outputs, warn
+    from cylforce.mechanics.installation import STANDARD
     from cylforce.programs.common.machine_file import load_machine
+    from cylforce.programs.common.machine_statistics import statistics_path
     from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.common.readings import machine_file_of, named_segments
-    from cylforce.programs.identify import How, run_identify, show
+    from cylforce.programs.identify import How, run_identify, run_statistics, show
     from cylforce.programs.reports.report import check_extra, write_report
 
     if report is not None:
         check_extra()
     machine, recordings = machine_file_of(files)
-    check_outputs((output, report), (machine, *recordings, lift, usual), (".toml", ".html"))
+    learn = statistics and attachment == STANDARD  # with another tool on, the arm is not that of the file
+    beside = statistics_path(output) if learn else None
+    check_outputs((output, report, beside), (machine, *recordings, lift, usual), (".toml", ".html", ".npz"))
     loaded = load_machine(machine)
     with progress_bar() as watch:
         how = How(two_steps, enforce, lift, known_kg, refuse, attachment, usual)
         found = run_identify(loaded, recordings, output, how, watch)
+        if learn:
+            try:
+                run_statistics(loaded, recordings, output, how, watch)
+            except (RecordingError, ValueError) as error:
+                warn(str(error))
         if report is not None:
             again = named_segments(loaded, recordings, watch, lambda _: None)  # run_identify has reported on them
             write_report(report, found, again, output, watch)

@@ -25,6 +25,13 @@ def sim(
     effects: Annotated[
         Path | None, typer.Option(help="A TOML file of effects, as `cylforce gap --patch` writes it.")
     ] = None,
+    library: Annotated[
+        Path | None, typer.Option(metavar="FILE.py", help="Effects of your own, in Python, for --effects.")
+    ] = None,
+    motion: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Play this motion, as `cylforce gap --next-motion` writes it."),
+    ] = None,
     payload_kg: Annotated[float, typer.Option(help="Load in the bucket during the moves.")] = 0.0,
     turning: Annotated[bool, typer.Option(help="The house turns to and fro during the moves.")] = False,
     attachment: Annotated[str, typer.Option(help="The tool on the machine.")] = "standard",
@@ -43,6 +50,8 @@ def sim(
         seed=seed,
         mass_error=mass_error,
         effects=effects,
+        library=library,
+        motion=motion,
         payload=payload_kg,
         turning=turning,
         attachment=attachment,

@@ -1,231 +1,203 @@
 """The answer as plain values, stable and documented: what `cylforce gap --json` writes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.answer.causes import WIDE, Cause, Suspect, interval
-from cylforce.diagnosis.answer.shrinkage import Gap, written
-from cylforce.diagnosis.answer.verdict import Judged, Named, Search, Verdict
-from cylforce.diagnosis.answer.where import Spot
-from cylforce.diagnosis.columns.problem import Problem, Seen
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
-from cylforce.diagnosis.inference.residuals import pushed, rms, weighed
-from cylforce.diagnosis.recordings.clocks import Slip
-from cylforce.effects.incidents.clock_fault import ClockFault
+from cylforce.diagnosis import Diagnosis, Named, SheetGap
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.explain import Refit, Spot, force_error, smallest_detectable, weight_error
+from cylforce.diagnosis.model import KnowledgeSource
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, FieldQuestion, Key
+from cylforce.diagnosis.statistics import rms
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.units import BAR
 
-CLOSING = ((Verdict.EXPLAINED, 0.9), (Verdict.PARTLY, 0.7))  # of the energy that a lag takes away, at least
-SUREST = 0.99
-FEW = 3  # causes of which none stands out, that are told
-CONFIRM = {  # whether a shape of what is left is real
+MOST_LISTED = 3  # causes of a machine at work that are listed
+MOST_PARAMETERS = 5
+MOST_EVIDENCE = 20
+SOURCES = {
+    KnowledgeSource.REFERENCES: "references",
+    KnowledgeSource.SIMULATION: "simulation",
+    KnowledgeSource.IDENTIFICATION: "identification",
+    KnowledgeSource.DATA_SHEET: "data_sheet",
+}
+CONFIRM = {  # whether a shape of an unexplained residual is real
     "speed": "move the {at} alone at five speeds, both ways: does it follow the same curve?",
     "position": "move the {at} alone, slowly, thrice through its range and back: does it return at the same angles?",
     "load": "repeat the same moves of the {at} empty and with two known loads: does it grow with the load?",
     "time": "repeat the same moves of the {at} every ten minutes: does it go on changing?",
     "moments": "repeat the moves at which it shows, see the plot of the {at}: does it return?",
 }
+IDENTIFY = (
+    "identify the machine from its own recordings (cylforce identify MACHINE.toml RECORDING... -o identified.toml), "
+    "then diagnose with --identified identified.toml: only what that leaves is a gap"
+)
+BECAUSE = {
+    KnowledgeSource.DATA_SHEET: "nobody has identified this machine",
+    KnowledgeSource.SIMULATION: "the simulation's masses and friction are not this machine's",
+    KnowledgeSource.REFERENCES: "the model's masses and friction are not this machine's",
+}
+HEALTHY_MOTION = "record the machine in order in this very motion, as a reference"
+LONGER = "a longer recording that moves every joint both ways, slowly and fast, empty and with a known load"
 
 
-def answer(search: Search, judged: Judged, gap: Gap, spots: Sequence[Spot], shape: dict[str, Any]) -> dict[str, Any]:
-    """The whole answer; SI units. `shape`: of what is left."""
-    hidden, unknown = _hidden(search), shape if judged.verdict in (Verdict.UNKNOWN, Verdict.PARTLY) else None
-    ends = {"payload_kg": weighed, "tip_force_n": pushed}
-    return {
-        "verdict": str(judged.verdict),
-        "gap": _gap(search, judged._replace(named=()) if search.working else judged, gap),
-        "where": [_spot(spot) for spot in spots],
-        "effects": [_effect(n, gap) | ({"removed_nm": None} if search.working else {}) for n in judged.named],
-        **({"reason": reason(search, spots)} if judged.verdict is Verdict.NOT_OBSERVABLE else {}),
-        "small": [_small(cause) for cause in search.causes if cause.known and not _is_named(cause, judged)],
-        "explained": None if search.working else judged.explained,
-        "working": search.working,
-        "end_quantities": None
-        if search.working
-        else {
-            name: {"before": error(search.question, gap.nominal), "after": error(search.question, gap.left)}
-            for name, error in ends.items()
-        },
-        "probabilities": probabilities(search),
-        "calibrated": bool(search.original.clean),
-        "set": [{"name": name, "at": at} for name, at in search.belief.credible],
+def answer(found: Diagnosis) -> dict[str, Any]:
+    """Return the whole answer; SI units."""
+    evidence, question, working = found.evidence, found.evidence.found.question, found.evidence.found.work is not None
+    shaped = found.verdict in (Verdict.UNKNOWN, Verdict.PARTLY)
+    hidden = _hidden(found)
+    whole = {
+        "verdict": str(found.verdict),
+        "compared_with": SOURCES[question.machine.source],
+        "gap": _gap(found),
+        "where": [_spot(spot) for spot in found.spots],
+        "effects": [_effect(named, found) for named in found.named],
+        "explained": None if working else _known(found.simulated.closure if found.named else 0.0),
+        "working": working,
+        "end_quantities": None if working else _end_quantities(found),
+        "probabilities": _probabilities(found),
+        "set": [_place(key) for key in evidence.credible],
         "not_observable": hidden,
-        "next_experiment": _next(judged, hidden),
-        "evidence": [_candidate(r) for r in search.first[:20]],
-        "unknown": unknown,
+        "next_experiment": _next(found, hidden),
+        "evidence": _evidence(found),
+        "unknown": found.shape if shaped else None,
+    }
+    if found.parameters_first:
+        whole |= identify_first(found.refit, BECAUSE[question.machine.source])
+    if found.verdict is Verdict.NOT_OBSERVABLE:
+        whole["reason"] = _reason(found)
+    return whole
+
+
+def sheet_answer(found: SheetGap) -> dict[str, Any]:
+    """Return the answer where only a data sheet is known: no effect is named, the parameters come first."""
+    question, refit = found.question, found.refit
+    because = BECAUSE[KnowledgeSource.DATA_SHEET]
+    gap = _sizes(question, refit, refit.before, refit.after)
+    return {
+        "verdict": str(Verdict.NOT_OBSERVABLE),
+        "compared_with": SOURCES[KnowledgeSource.DATA_SHEET],
+        "reason": because,
+        "gap": gap | {"bar": _bars(question, question.residuals(), None), "simulated": []},
+        "where": [_spot(spot) for spot in found.spots],
+        "effects": [],
+        "working": False,
+        **identify_first(refit, because),
     }
 
 
-def _gap(search: Search, judged: Judged, gap: Gap) -> dict[str, Any]:
-    """Residual torque, rms [N m], in all and per joint; residual pressure per cylinder."""
+def identify_first(refit: Refit, because: str) -> dict[str, Any]:
+    """Return the key of the answer on the model's own parameters."""
+    return {
+        "identify_first": {
+            "because": because,
+            "before_nm": _total(refit.before),
+            "after_nm": _total(refit.after),
+            "share": refit.share,
+            "parameters": [
+                {"name": c.name, "unit": c.unit, "before": c.before, "after": c.after, "torque": c.torque}
+                for c in refit.changes[:MOST_PARAMETERS]
+            ],
+        }
+    }
+
+
+def before_anything(whole: Mapping[str, Any]) -> list[str]:
+    """Return what to do before any other experiment."""
+    if "identify_first" in whole:
+        return [IDENTIFY]
+    if whole["verdict"] == Verdict.NOT_OBSERVABLE and not whole["working"]:
+        return [HEALTHY_MOTION]
+    unknown = whole["unknown"]
+    return [CONFIRM[unknown["of"]].format(at=unknown["at"])] if unknown and unknown["of"] in CONFIRM else []
+
+
+# The gap
+
+
+def _gap(found: Diagnosis) -> dict[str, Any]:
+    """Return the residual torque, rms [N m], in all and per joint, and the residual pressure per cylinder."""
+    question = found.evidence.found.question
+    return _sizes(question, found.refit, found.refit.before, rms(found.simulated.after)) | {
+        "bar": _bars(question, found.simulated.before, found.simulated.after),
+        "simulated": [_place(named.cause.key) | {"named": True} for named in found.named if _simulated(found)],
+    }
+
+
+def _simulated(found: Diagnosis) -> bool:
+    return found.evidence.found.work is None
+
+
+def _sizes(question: FieldQuestion, refit: Refit, fixed: Array, after: Array) -> dict[str, Any]:
+    machine = question.machine.regressors.model.machine
+    kinds = {"fixed": fixed, "refit": refit.after, "after": after, "floor": question.machine.floor.rms}
+    names = [machine.links[j].name for j in machine.rows]
+    shifts = sorted(refit.changes, key=lambda change: -abs(change.shift))[:MOST_PARAMETERS]
     return {
         "units": "N m",
-        "fixed": _total(gap.fixed),
-        "refit": _total(gap.refit),
-        "floor": _total(gap.floor),
-        "after": _total(gap.after),
-        "parameter_shift": _shifts(search, gap),
-        "joints": _joints(search, gap),
-        "bar": _bars(search, gap),
-        "simulated": [_place(cause, judged) for cause in written(judged)],
-    }
-
-
-def _joints(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
-    """Residual torque per joint."""
-    names = [search.original.model.machine.links[j].name for j in search.original.model.machine.rows]
-    kinds = (gap.fixed, gap.refit, gap.after, gap.floor)
-    return {
-        name: {"fixed": a, "refit": b, "after": c, "floor": d}
-        for name, a, b, c, d in zip(names, *(x.tolist() for x in kinds), strict=True)
+        **{kind: _total(each) for kind, each in kinds.items()},
+        "parameter_shift": [{"name": c.name, "standard_errors": c.shift} for c in shifts],
+        "joints": {name: {kind: float(each[r]) for kind, each in kinds.items()} for r, name in enumerate(names)},
     }
 
 
 def _spot(spot: Spot) -> dict[str, Any]:
-    """A joint and a regime in which it differs."""
     return {
-        "channel": spot.channel,
+        "channel": spot.joint,
         "regime": spot.regime,
         "share": spot.share,
         "p": spot.p,
         "found": spot.found,
-        "rms_faulty": spot.faulty,
-        "rms_clean": spot.clean,
+        "rms_faulty": spot.residual,
+        "rms_clean": spot.healthy,
+        "floors": spot.floors,
     }
 
 
-def _bars(search: Search, gap: Gap) -> dict[str, dict[str, float]]:
-    """Per measured cylinder, as pressure on its head side [bar, rms]."""
-    problem = search.original
-    quiet = (problem.clean, gap.clean)
-    if not gap.clean:
-        quiet = (problem.faulty, [np.broadcast_to(gap.floor, e.shape) for e in gap.nominal])
-    pairs = ((problem.faulty, gap.nominal), (problem.faulty, gap.left), quiet)
-    kinds = [rms(bars(problem, *pair)).tolist() for pair in pairs]
-    names = [problem.model.machine.cylinders[c].name for c in measured(problem.model.machine)]
-    return {name: {"fixed": a, "after": b, "floor": c} for name, a, b, c in zip(names, *kinds, strict=True)}
+def _bars(
+    question: FieldQuestion, before: Sequence[Array], after: Sequence[Array] | None
+) -> dict[str, dict[str, float]]:
+    """Return per measured cylinder the residual as pressure on its head side [bar, rms]."""
+    machine = question.machine.regressors.model.machine
+    floor = [np.broadcast_to(question.machine.floor.rms, e.shape) for e in before]
+    kinds = {"fixed": before, "after": before if after is None else after, "floor": floor}
+    each = {kind: rms(_pressures(question, residuals)).tolist() for kind, residuals in kinds.items()}
+    names = [machine.cylinders[c].name for c in measured(machine)]
+    return {name: {kind: values[k] for kind, values in each.items()} for k, name in enumerate(names)}
 
 
 def measured(machine: Machine) -> list[int]:
-    """The cylinders (from 0) whose force is measured and tells a torque."""
+    """Return the cylinders (from 0) whose force is measured and acts on a measured torque."""
     acting = {c for c, span in enumerate(machine.spans) if set(span) & set(machine.rows)}
     return [c for c in sorted(acting) if machine.forces_measured[c]]
 
 
-def bars(problem: Problem, seen: Sequence[Seen], left: Sequence[Array]) -> list[Array]:
-    """Residuals (T, R) [N m] of recordings as pressures (T, C) [bar] on the head side of the measured cylinders, the
-    rod side as recorded: N m / lever / area. Where several cylinders move a joint they share it by their levers."""
-    machine = problem.model.machine
-    return [_pressed(machine, s.rows.posture, e) for s, e in zip(seen, left, strict=True)]
+def _pressures(question: FieldQuestion, residuals: Sequence[Array]) -> list[Array]:
+    """Return residuals (T, R) [N m] as pressures (T, C) [bar] on the head side of the measured cylinders.
 
-
-def _pressed(machine: Machine, theta: Array, left: Array) -> Array:
+    pressure = torque / lever / area, the rod side as recorded. Several cylinders of a joint share it by their levers.
+    """
+    machine, found = question.machine.regressors.model.machine, []
     chosen, rows = measured(machine), list(machine.rows)
-    lever = machine.geometry(theta).lever[:, chosen][:, :, rows]  # (T, C, R)
-    unknown = np.isnan(left)
-    force = np.einsum("trc,tr->tc", np.linalg.pinv(lever), np.where(unknown, 0.0, left))
     acts = np.array([[j in machine.spans[c] for j in rows] for c in chosen])
-    lost = np.any(unknown[:, None, :] & acts, axis=-1)
     area = np.array([machine.cylinders[c].area_head for c in chosen])
-    return np.asarray(np.where(lost, np.nan, force / area / BAR))
+    for seen, residual in zip(question.seen, residuals, strict=True):
+        lever = machine.geometry(seen.rows.posture).lever[:, chosen][:, :, rows]  # (T, C, R)
+        unknown = np.isnan(residual)
+        force = np.einsum("trc,tr->tc", np.linalg.pinv(lever), np.where(unknown, 0.0, residual))
+        lost = np.any(unknown[:, None, :] & acts, axis=-1)
+        found.append(np.asarray(np.where(lost, np.nan, force / area / BAR)))
+    return found
 
 
-def _place(cause: Cause, judged: Judged) -> dict[str, Any]:
-    name, at = cause.key
-    return {"name": name, "at": at, "named": _is_named(cause, judged)}
-
-
-def _is_named(cause: Cause, judged: Judged) -> bool:
-    return any(n.cause is cause for n in judged.named)
-
-
-def reason(search: Search, spots: Sequence[Spot]) -> str:
-    """Why no cause can be named, where none is observable."""
-    if not search.working:
-        at = " and ".join(dict.fromkeys(spot.channel for spot in spots if spot.found))
-        at = f" at the {at}" if at else ""
-        of = "the references'" if search.original.clean else "the identified model's"
-        return f"the torques{at} differ from {of}, but in order may, too, in another motion"
-    told = ["{} at {}".format(*c.key) for c in search.first if c.known and c.probability > 0.0][:FEW]
-    most = f"; the most probable: {', '.join(told)}" if told and search.original.clean else ""
-    return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
-
-
-def shifted(answer: dict[str, Any], judged: Judged) -> str:
-    """Where nothing is named, whether it is the parameters that do not hold, in a sentence; else nothing."""
-    size, (most, *_) = answer["gap"], answer["gap"]["parameter_shift"]
-    if judged.verdict is not Verdict.UNKNOWN or size["refit"] > (size["fixed"] + size["floor"]) / 2.0:
-        return ""
-    return (
-        f"with the model's parameters fitted to these recordings {size['refit']:.0f} N m are left ({most['name']} "
-        f"changes by {abs(most['standard_errors']):.0f} standard errors): the recording of the identification does not "
-        "represent these; identify from a longer one, or give a recording of the machine in order as reference"
-    )
-
-
-def _small(cause: Cause) -> dict[str, Any]:
-    name, at = cause.key
-    share = cause.size / cause.proposal.about.low
-    return {"name": name, "at": at, "of_least_plausible": share, "evidence_nats": cause.nats}
-
-
-def probabilities(search: Search) -> dict[str, Any]:
-    """Of no gap, of each effect at its place, of what the library lacks."""
-    of = search.belief.of
-    effects = [c for c in search.first if c.known and c.probability > 0.0]
+def _end_quantities(found: Diagnosis) -> dict[str, dict[str, float]]:
+    question, both = found.evidence.found.question, found.simulated
     return {
-        "no_gap": of.get(NOTHING, 0.0),
-        "unknown": of.get(UNKNOWN, 0.0),
-        "effects": [{"name": c.key[0], "at": c.key[1], "probability": c.probability} for c in effects],
-    }
-
-
-def off_clock(slips: Sequence[Slip]) -> tuple[Verdict, dict[str, Any]]:
-    """The verdict and the answer where pressures and angles are not on one clock, the largest lag first: nothing else
-    can be concluded from what does not belong together."""
-    worst = slips[0]
-    verdict = next((v for v, least in CLOSING if worst.closed > least), Verdict.UNKNOWN)
-    each = [s for k, s in enumerate(slips) if not any({*s.sensors} <= {*larger.sensors} for larger in slips[:k])]
-    effects = [] if verdict is Verdict.UNKNOWN else [_clock_fault(slip) for slip in each]
-    cure = [ClockFault().about.confirm]
-    return verdict, {"verdict": str(verdict), "effects": effects, "reason": apart(slips), "next_experiment": cure}
-
-
-def apart(slips: Sequence[Slip]) -> str:
-    """The sentence that pressures and angles are not on one clock, the largest lag first."""
-    worst, names = slips[0], ", ".join(dict.fromkeys(slip.name for slip in slips))
-    whose = "the pressures" if worst.whole else f"{' and '.join(worst.sensors)}, and no other pressures,"
-    others = "".join(f", or {_late(a)} and {_late(b)}" for a, b in worst.others)
-    also = f" (as the motion repeats itself, it may also be{others[4:]})" if others else ""
-    return (
-        f"pressures and angles are not on one clock in {names}: in {worst.name} {whose} are "
-        f"{_late(worst.first)} after {worst.begins:.0f} s and {_late(worst.last)} after {worst.ends:.0f} s{also}. Pair "
-        "them by the time at which they were measured, not by their number, and record again"
-    )
-
-
-def _late(lag: float) -> str:
-    return f"{abs(lag):.2f} s {'late' if lag >= 0.0 else 'early'}"
-
-
-def _clock_fault(slip: Slip) -> dict[str, Any]:
-    value, error = slip.largest
-    about = ClockFault().about
-    size = {"value": value, "low": value - WIDE * error, "high": value + WIDE * error, "unit": about.unit}
-    return {
-        "name": about.name,
-        "at": "machine",
-        "sensors": list(slip.sensors),
-        "when": f"{slip.first:.2f} s at {slip.begins:.0f} s, {slip.last:.2f} s at {slip.ends:.0f} s of {slip.name}",
-        "parameters": {"size": size},
-        "shape": {},
-        "confidence": min(slip.probability, SUREST),
-        "confused_with": [],
-        "same_as": [],
-        "alternatives": [{"first_s": first, "last_s": last} for first, last in slip.others],
+        name: {"before": error(question, both.before), "after": error(question, both.after)}
+        for name, error in (("payload_kg", weight_error), ("tip_force_n", force_error))
     }
 
 
@@ -237,64 +209,94 @@ def _known(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _shifts(search: Search, gap: Gap) -> list[dict[str, Any]]:
-    names = [p.name for p in search.original.model.parameters]
-    order = np.argsort(-np.abs(gap.shift))[:5]
-    return [{"name": names[k], "standard_errors": float(gap.shift[k])} for k in order.tolist()]
+# Causes
 
 
-def _effect(named: Named, gap: Gap) -> dict[str, Any]:
-    cause = named.cause
-    proposal = cause.proposal
-    share = named.share
+def _effect(named: Named, found: Diagnosis) -> dict[str, Any]:
+    cause, both = named.cause, found.simulated
+    value, low, high = cause.interval
+    simulated = _simulated(found)
+    closure, lowest, highest = both.share if simulated else (np.nan, np.nan, np.nan)
     return {
-        "name": proposal.name,
-        "at": proposal.at,
+        "name": cause.proposal.name,
+        "at": cause.proposal.at,
         "when": cause.when,
-        "parameters": parameters(cause),
-        "shape": proposal.shape,
+        "parameters": {"size": {"value": value, "low": low, "high": high, "unit": cause.proposal.about.unit}},
+        "shape": cause.proposal.shape,
         "confidence": named.confidence,
-        "confused_with": [{"name": r.key[0], "at": r.key[1]} for r in named.confused],
-        "same_as": [{"name": named.same[0], "at": named.same[1]}] if named.same else [],
-        "closure": {"value": _known(gap.closure), "low": _known(gap.low), "high": _known(gap.high)},
-        "share": share,
-        "removed_nm": gap.removed * float(np.sqrt(share)),
+        "confused_with": [_place(key) for key in named.rivals],
+        "same_as": [_place(named.same_as)] if named.same_as else [],
+        "closure": {"value": _known(closure), "low": _known(lowest), "high": _known(highest)},
+        "share": named.share,
+        "removed_nm": both.removed * float(np.sqrt(named.share)) if simulated else None,
         "evidence_nats": cause.nats,
     }
 
 
-def parameters(cause: Cause) -> dict[str, dict[str, Any]]:
-    """Sizes with their 90 % intervals."""
-    value, low, high = interval(cause)
-    return {"size": {"value": value, "low": low, "high": high, "unit": cause.proposal.about.unit}}
+def _place(key: Key) -> dict[str, Any]:
+    return {"name": key[0], "at": key[1]}
 
 
-def _hidden(search: Search) -> list[dict[str, Any]]:
-    """Effects that would have to be implausibly large to be seen on these recordings."""
-    largest = {(p.name, p.at): p.about.high for p in search.original.proposals}
+def _reason(found: Diagnosis) -> str:
+    """Return why no cause can be named."""
+    question = found.evidence.found.question
+    source = question.machine.source
+    if found.parameters_first:
+        return BECAUSE[source]
+    if found.evidence.found.work is None:
+        at = " and ".join(dict.fromkeys(spot.joint for spot in found.spots if spot.found))
+        at = f" at the {at}" if at else ""
+        of = {KnowledgeSource.IDENTIFICATION: "the identified model's", KnowledgeSource.SIMULATION: "the simulation's"}
+        return (
+            f"the torques{at} differ from {of.get(source, 'the references')}, but in order may, too, in another motion"
+        )
+    told = [f"{name} at {at}" for name, at in _effects_by_probability(found)][:MOST_LISTED]
+    most = f"; the most probable: {', '.join(told)}" if told and source is not KnowledgeSource.IDENTIFICATION else ""
+    return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
+
+
+def _effects_by_probability(found: Diagnosis) -> list[Key]:
+    posterior = found.evidence.posterior
+    effects = [key for key, p in posterior.items() if key not in (NO_GAP, UNKNOWN) and p > 0.0]
+    return sorted(effects, key=lambda key: -posterior[key])
+
+
+def _probabilities(found: Diagnosis) -> dict[str, Any]:
+    """Return the probabilities of no gap, of each effect at its place, and of what the library lacks."""
+    posterior = found.evidence.posterior
+    return {
+        "no_gap": posterior.get(NO_GAP, 0.0),
+        "unknown": posterior.get(UNKNOWN, 0.0),
+        "effects": [_place(key) | {"probability": posterior[key]} for key in _effects_by_probability(found)],
+    }
+
+
+def _evidence(found: Diagnosis) -> list[dict[str, Any]]:
+    """Return the candidates with most evidence, each by itself."""
+    evidence = found.evidence
+    none = evidence.found.healthy.log
+    alone = sorted(evidence.alone.items(), key=lambda item: -item[1])
+    known = [(key, log) for key, log in alone if key != UNKNOWN]
+    probability = evidence.posterior
     return [
-        {"name": name, "at": at, "smallest_detectable": size if np.isfinite(size) else None}
-        for (name, at), size in search.least.items()
-        if name != UNKNOWN[0] and size > largest[name, at] / 2.0
+        _place(key) | {"nats": log - none, "probability": probability.get(key, 0.0)}
+        for key, log in known[:MOST_EVIDENCE]
     ]
 
 
-def confirm(answer: dict[str, Any]) -> list[str]:
-    """The experiment that would tell whether a shape is real, or whether a machine in order moves so, too."""
-    if answer["verdict"] == Verdict.NOT_OBSERVABLE and not answer["working"]:
-        return ["record the machine in order in this very motion, as a reference"]
-    unknown = answer["unknown"]
-    return [CONFIRM[unknown["of"]].format(at=unknown["at"])] if unknown and unknown["of"] in CONFIRM else []
+def _hidden(found: Diagnosis) -> list[dict[str, Any]]:
+    """Return effects that would have to be implausibly large to be detected in these recordings."""
+    largest = {form.key: form.high for form in found.evidence.found.question.forms}
+    return [
+        _place(key) | {"smallest_detectable": _known(size)}
+        for key, size in smallest_detectable(found.evidence.found).items()
+        if key[0] != UNKNOWN[0] and size > largest[key] / 2.0
+    ]
 
 
-def _next(judged: Judged, hidden: list[dict[str, Any]]) -> list[str]:
-    wanted = [n.cause.proposal.about.confirm for n in judged.named]
-    wanted += [r.proposal.about.confirm for n in judged.named for r in n.confused]
-    if hidden and not wanted:
-        wanted = ["a longer recording that moves every joint both ways, slowly and fast, empty and with a known load"]
-    return list(dict.fromkeys(wanted))
-
-
-def _candidate(candidate: Suspect) -> dict[str, Any]:
-    name, at = candidate.key
-    return {"name": name, "at": at, "nats": candidate.nats, "probability": candidate.probability}
+def _next(found: Diagnosis, hidden: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the checks by hand of the causes and their rivals."""
+    about = {(p.name, p.at): p.about for p in found.evidence.found.question.machine.layout.proposals}
+    wanted = [named.cause.proposal.about.confirm for named in found.named]
+    wanted += [about[key].confirm for named in found.named for key in named.rivals if key in about]
+    return list(dict.fromkeys(wanted)) if wanted or not hidden else [LONGER]

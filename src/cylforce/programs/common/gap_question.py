@@ -1,4 +1,4 @@
-"""What is asked of `cylforce gap`, and whether it can be."""
+"""What is asked of `cylforce gap`, and whether it can be answered."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,8 +13,18 @@ EXAMPLE = "field.log=1000"
 
 
 class Question(NamedTuple):
-    """What is asked: faulty recordings, clean ones, known loads [kg] by file name, tares, `only` NAME@AT; `without`:
-    names of effects that are left out of the library; `usual`: a file of what is usual for the type."""
+    """What is asked.
+
+    field:      recordings of the machine that differs
+    reference:  recordings of the same machine while it was healthy
+    identified: file of `cylforce identify`
+    loads:      known loads [kg] by file name
+    only:       NAME@AT of the one effect that is examined
+    without:    names of effects that are left out of the library
+    usual:      file of what is usual for the type
+    simulation: recordings of the user's own simulation
+    still:      recording of the machine without pressure, for the zeros of its pressure sensors
+    """
 
     field: tuple[Path, ...]
     reference: tuple[Path, ...] = ()
@@ -23,10 +33,17 @@ class Question(NamedTuple):
     only: str | None = None
     without: tuple[str, ...] = ()
     usual: Path | None = None
+    simulation: tuple[Path, ...] = ()
+    still: Path | None = None
+
+    @property
+    def healthy(self) -> tuple[Path, ...]:
+        """Recordings with which the field is compared: references, or those of a simulation."""
+        return self.reference or self.simulation
 
 
 def known_loads(words: Sequence[str]) -> dict[str, float]:
-    """Loads [kg] by file name, from words FILE=KG. Raises RecordingError."""
+    """Return loads [kg] by file name, from words FILE=KG. Raises RecordingError."""
     found = {}
     for word in words:
         name, _, kilograms = word.rpartition("=")
@@ -40,11 +57,16 @@ def known_loads(words: Sequence[str]) -> dict[str, float]:
 
 
 def check_recordings(question: Question) -> None:
-    """Whether every recording and load is named once, and rightly. Raises RecordingError."""
-    both = {path.resolve() for path in question.field} & {path.resolve() for path in question.reference}
-    for path in both:
-        raise RecordingError(f"{path}: is named as field and as --reference: name it as one of them")
-    listed = [path.name for path in (*question.field, *question.reference)]
+    """Check that every recording and load is named once, and rightly. Raises RecordingError."""
+    if question.reference and question.simulation:
+        raise RecordingError(
+            "--reference and --simulation: the field is compared with one of them: leave out --simulation, or diagnose "
+            "the references against the simulation first"
+        )
+    for option, paths in (("--reference", question.reference), ("--simulation", question.simulation)):
+        for path in {path.resolve() for path in question.field} & {path.resolve() for path in paths}:
+            raise RecordingError(f"{path}: is named as field and as {option}: name it as one of them")
+    listed = [path.name for path in (*question.field, *question.healthy)]
     if twice := [name for name in listed if listed.count(name) > 1]:
         raise RecordingError(f"{twice[0]}: several recordings have this name: name each once, and rename others")
     names = set(listed)
@@ -55,8 +77,8 @@ def check_recordings(question: Question) -> None:
             raise RecordingError(f"--load {name}={kilograms:g}: is no weight in kg")
 
 
-def asked_only(library: tuple[Group, ...], only: str | None, machine: Machine) -> tuple[str, str] | None:
-    """Name and place ("": any) of the one effect that is asked for."""
+def only_effect(library: tuple[Group, ...], only: str | None, machine: Machine) -> tuple[str, str] | None:
+    """Return name and place ("": any) of the one effect that is examined. Raises ValueError."""
     if only is None:
         return None
     name, _, at = only.partition("@")
@@ -71,7 +93,7 @@ def asked_only(library: tuple[Group, ...], only: str | None, machine: Machine) -
 
 
 def reduced(library: tuple[Group, ...], without: Sequence[str]) -> tuple[Group, ...]:
-    """The library without the effects of these names."""
+    """Return the library without the effects of these names. Raises ValueError."""
     names = {group[0].about.name for group in library}
     for name in without:
         if name not in names:

@@ -11,9 +11,11 @@ from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from pydantic_core import ErrorDetails
 
 from cylforce.effects.imposed import Imposed, imposed
+from cylforce.effects.library import LIBRARY, Group
 from cylforce.files.atomic import LARGEST, is_large, is_stream
 from cylforce.files.truth import describe_truth
 from cylforce.mechanics.installation import Service
+from cylforce.programs.experiments.motions import read_scene
 from cylforce.settings.error import FaultError, Source, error_text, line_of
 from cylforce.settings.machine_file import Loaded, SettingsError
 from cylforce.settings.sections import fault
@@ -68,19 +70,28 @@ def prepare(
     *,
     amount: float,
     effects: Path | None = None,
+    library: tuple[Group, ...] = LIBRARY,
     payload: float = 0.0,
     turning: bool = False,
+    motion: Path | None = None,
 ) -> Play:
-    """A run of `amount` cycles or seconds; machine, motion and noise each have a generator of their own."""
+    """Return a run of `amount` cycles or seconds; machine, motion and noise each have a generator of their own.
+
+    effects: a file of effects of the `library`
+    motion:  a table of joint angles that is played in place of the scenario
+    """
     machine = loaded.service.machine
-    extra = read_effects(effects, loaded) if effects else ()
+    extra = read_effects(effects, loaded, library) if effects else ()
     truth = draw_truth(machine, np.random.default_rng((seed, 0)), mass_error, extra)
     header: dict[str, JsonValue] = {"seed": seed, "scenario": scenario, "mass_error": mass_error}
     header |= {"machine_sha256": loaded.sha256, **describe_truth(machine, truth)}
     made = sensors(machine, loaded.service.nodes)
     rng = np.random.default_rng((seed, 1))
-    if scenario == "moves":
-        scenes: Iterable[Scene] = [moves(machine, rng, amount, payload=payload, turning=turning)]
+    if motion is not None:
+        header["scenario"] = motion.name
+        scenes: Iterable[Scene] = [read_scene(motion, machine, payload)]
+    elif scenario == "moves":
+        scenes = [moves(machine, rng, amount, payload=payload, turning=turning)]
     else:
         scenes = _digging(loaded.service, rng, round(amount))
     noise = np.random.default_rng((seed, 2))
@@ -93,8 +104,8 @@ def _digging(service: Service, rng: np.random.Generator, count: int) -> Iterable
     return digging_cycles(service.machine, rng, count, swing)
 
 
-def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
-    """The effects of a file. Raises SettingsError."""
+def read_effects(path: Path, loaded: Loaded, library: tuple[Group, ...] = LIBRARY) -> tuple[Imposed, ...]:
+    """The effects of a file, by their names in the `library`. Raises SettingsError."""
     text = _effects_text(path)
     try:
         raw = tomllib.loads(text)
@@ -106,7 +117,7 @@ def read_effects(path: Path, loaded: Loaded) -> tuple[Imposed, ...]:
     except ValidationError as error:
         faults = [_fault(found) for found in error.errors()]
         raise SettingsError(error_text(source, faults)) from error
-    return tuple(_imposed(loaded, each, source, k) for k, each in enumerate(tables))
+    return tuple(_imposed(loaded, each, source, k, library) for k, each in enumerate(tables))
 
 
 def _effects_text(path: Path) -> str:
@@ -127,12 +138,16 @@ def _fault(found: ErrorDetails) -> FaultError:
     return fault(found, key, _EffectsFile if len(key) == 1 else _EffectTable)
 
 
-def _imposed(loaded: Loaded, table: _EffectTable, source: Source, k: int) -> Imposed:
+def _imposed(loaded: Loaded, table: _EffectTable, source: Source, k: int, library: tuple[Group, ...]) -> Imposed:
     """One effect of a file. Raises SettingsError with file and line."""
     machine = loaded.service.machine
     try:
         return imposed(
-            machine, table.name, table.at, table.value, shape=table.shape, begin=table.from_s, end=table.until_s
+            *(machine, table.name, table.at, table.value),
+            shape=table.shape,
+            begin=table.from_s,
+            end=table.until_s,
+            library=library,
         )
     except ValueError as error:
         line = line_of(source.text, ("effects", k))

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.estimation.segments import parts
 from cylforce.files.atomic import Report, warn
 from cylforce.files.recording import Events, open_pieces, rows_a_second
@@ -15,6 +14,7 @@ from cylforce.programs.common.progress import Watch, silent, watched
 from cylforce.programs.common.readings import check_machine
 from cylforce.programs.common.spread import Kept, Spread
 from cylforce.programs.common.unusable import unusable_samples
+from cylforce.readings.recording import Recording
 from cylforce.service.assembler import assembler
 from cylforce.service.samples import samples
 from cylforce.settings.machine_file import Loaded
@@ -44,7 +44,7 @@ class Chosen(NamedTuple):
     short:     of each recording without a stretch that is long enough: by its name the reason, "" where unknown
     """
 
-    stretches: list[Recorded]
+    stretches: list[Recording]
     looked_at: list[LookedAt]
     short: dict[str, str]
 
@@ -75,7 +75,7 @@ def chosen(
         elif source.unusable[Reason.TWO_PRODUCERS]:
             tell(f"{path}: {source.unusable_samples()}")
         own = [
-            Recorded(path.name, p.values, loads.get(path.name, 0.0), source.begins + p.first / rate)
+            Recording(path.name, p.values, loads.get(path.name, 0.0), source.begins + p.first / rate)
             for p in spread.of(k)
         ]
         seconds = sum(len(r.values) for r in own) / rate

@@ -10,7 +10,6 @@ import numpy as np
 import tomlkit
 
 import cylforce
-from cylforce.diagnosis.numbers import EVERYDAY
 from cylforce.effects.library import LIBRARY
 from cylforce.files.atomic import replacing
 from cylforce.fleet.coordinates import CARRIED, LEVEL, Coordinate
@@ -91,8 +90,11 @@ def usual_parameters(path: Path, machine: Machine) -> tuple[tuple[str, float, fl
 
 
 def everyday_of(path: Path | None, machine: Machine) -> Mapping[str, float]:
-    """Everyday differences for the diagnosis, by a file or as stated beforehand. Raises SettingsError."""
-    return EVERYDAY if path is None else {**EVERYDAY, **everyday_from(read_usual(path, machine))}
+    """Return the run-to-run variation of a type, of effects' least plausible sizes, by name; empty without a file.
+
+    Raises SettingsError.
+    """
+    return {} if path is None else everyday_from(read_usual(path, machine))
 
 
 def everyday_from(usual: Mapping[str, UsualQuantity]) -> dict[str, float]:

@@ -1,1 +1,1 @@
-"""Which motion to record next: a catalogue of motions, and how well each would tell the candidates apart."""
+"""Which motion to record next: a catalogue of motions, and how well each separates the possible causes."""

@@ -1,8 +1,8 @@
 """Motions that an operator can make, as scenes of the simulated machine, with the words that ask for them."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import cycle
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from cylforce.simulation.scenario import CLEAR, FASTEST, of_joints
 from cylforce.simulation.soil import carried
 from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 
-SECONDS = 60.0  # of each motion: its information goes with the time
+SECONDS = 60.0  # of each motion: its information is proportional to its duration
 SLOW = 0.25  # of the highest speed; chosen: some 7 cm/s, so that there is time for both ways
 WHOLE = (0.1, 0.9)  # of the working range: from end to end
 PART = (0.38, 0.62)  # of the working range: a quarter of it
@@ -23,25 +23,57 @@ HOLD_S, REST_S = 3.0, 0.3  # a hold long enough to be read; a rest at the end of
 PACES = np.array(
     [0.9, 0.55, 0.35]
 )  # of the highest speed, of joints that move at once, so that they never repeat together
-LOAD = 0.5  # of the rated payload: a known load that a machine can swing about
+LOAD = 0.5  # of the rated payload: a known load with which a machine can swing about
 SLOPE = 0.1  # rad, a slope on which a machine still works
 WARM_S = 1800.0  # of work, after which the oil is warm
 TURN, TURN_S = 1.2, 4.0  # rad and s of a swing of the house
+TOGETHER_S, STAIRS_S = 120.0, 150.0  # of the check-up; measured: with these a machine is decided (see the chapter)
+STILL_S = 10.0  # without pressure; convention: the mean of a reading is then exact to a tenth of its noise
+STAIR_HOLD_S = 1.0  # on each stair
+BACK_S = 8.0  # in which a joint returns to the middle of its range; the longest stroke at full speed takes less
+STAIRS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.7, 0.5, 0.3)  # of the working range, up and down again
 
 
-class Trial(NamedTuple):
-    """A motion: the `words` that ask for it, the scene, the load [kg], the pitch of the ground [rad], and how long the
-    machine has worked before [s]."""
+@dataclass(frozen=True)
+class RecommendedMotion:
+    """A motion that can be recorded.
+
+    words:    that ask for it
+    scene:    its strokes
+    load_kg:  known load in the bucket [kg]; 0: empty
+    pitch:    pitch of the ground [rad]
+    worked_s: for how long the machine has worked before [s]
+    """
 
     words: str
     scene: Scene
-    load: float = 0.0
+    load_kg: float = 0.0
     pitch: float = 0.0
-    after: float = 0.0
+    worked_s: float = 0.0
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Load, slope and temperature in words."""
+        return (
+            f"a known load of {self.load_kg:.0f} kg in the bucket" if self.load_kg else "an empty bucket",
+            f"ground with a slope of {np.degrees(self.pitch):.0f} degrees" if self.pitch else "level ground",
+            f"warm oil, after {self.worked_s / 60.0:.0f} minutes of work" if self.worked_s else "oil as it is",
+        )
 
 
-def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Trial]:
-    """All motions; `joints`: those that are moved alone."""
+def checkup(machine: Machine) -> tuple[RecommendedMotion, RecommendedMotion]:
+    """Return the motions of the check-up: all joints at once, then single joints in stairs; both empty."""
+    middle = _middle(machine)
+    together = _together(machine, middle, WHOLE, PACES, TOGETHER_S)
+    words = "move all joints at once to and fro through their ranges, each at a speed of its own, for two minutes"
+    stairs = "move one joint after the other up and down in stairs, for two and a half minutes"
+    return RecommendedMotion(f"{words}, with an empty bucket", together), RecommendedMotion(
+        f"{stairs}, with an empty bucket", _single_stairs(machine, middle)
+    )
+
+
+def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[RecommendedMotion]:
+    """Yield all motions; `joints`: those that are moved alone."""
     middle = _middle(machine)
     for j in joints:
         name = machine.links[j].name
@@ -49,12 +81,16 @@ def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Trial]:
             _scene(machine, middle, {j: _strokes(machine, middle, j, speeds)}) for speeds in ((SLOW,), (SLOW, 1.0))
         )
         little = _scene(machine, middle, {j: _little(machine, middle, j)})
-        yield Trial(f"move the {name} alone, slowly, from end to end and back", slow)
-        yield Trial(f"move the {name} alone, from end to end and back, in turns slowly and fast", two)
-        yield Trial(f"move the {name} alone a few centimetres to and fro, slowly, at several angles", little)
+        yield RecommendedMotion(f"move the {name} alone, slowly, from end to end and back", slow)
+        yield RecommendedMotion(f"move the {name} alone, from end to end and back, in turns slowly and fast", two)
+        yield RecommendedMotion(
+            f"move the {name} alone a few centimetres to and fro, slowly, at several angles", little
+        )
         yield _loaded(machine, f"move the {name} alone, slowly, from end to end and back", slow)
         brisk = _scene(machine, middle, {j: _along(machine, middle, j, cycle(PART), cycle((1.0,)), REST_S)})
-        yield Trial(f"move the {name} alone, with quick starts and stops, to and fro by a quarter of its way", brisk)
+        yield RecommendedMotion(
+            f"move the {name} alone, with quick starts and stops, to and fro by a quarter of its way", brisk
+        )
     stairs, together, slowly = (
         _stairs(machine, middle),
         _together(machine, middle, WHOLE, PACES),
@@ -62,25 +98,27 @@ def catalogue(machine: Machine, joints: Sequence[int]) -> Iterator[Trial]:
     )
     postures = "go to a dozen very different postures and hold each for three seconds"
     whole = "move all joints at once to and fro, each at a speed of its own"
-    yield Trial(postures, stairs)
+    yield RecommendedMotion(postures, stairs)
     yield _loaded(machine, postures, stairs)
-    yield Trial(whole, together)
-    yield Trial("move all joints at once to and fro by a quarter of their way, slowly", slowly)
+    yield RecommendedMotion(whole, together)
+    yield RecommendedMotion("move all joints at once to and fro by a quarter of their way, slowly", slowly)
     yield _loaded(machine, whole, together)
-    yield Trial(f"{whole}, once the machine has worked for half an hour", together, after=WARM_S)
-    yield Trial(f"{whole}, while the house turns to and fro", together._replace(slew=_turns()))
+    yield RecommendedMotion(f"{whole}, once the machine has worked for half an hour", together, worked_s=WARM_S)
+    yield RecommendedMotion(f"{whole}, while the house turns to and fro", together._replace(slew=_turns()))
     if any(s.kind is Kind.PITCH for s in machine.signals):
-        yield Trial(f"{whole}, with the machine on a slope of {np.degrees(SLOPE):.0f} degrees", together, pitch=SLOPE)
+        yield RecommendedMotion(
+            f"{whole}, with the machine on a slope of {np.degrees(SLOPE):.0f} degrees", together, pitch=SLOPE
+        )
 
 
-def _loaded(machine: Machine, words: str, scene: Scene) -> Trial:
+def _loaded(machine: Machine, words: str, scene: Scene) -> RecommendedMotion:
     load = LOAD * machine.rated_payload
     dig = carried(load, (0.65 * machine.payload_reach, 0.1 * machine.payload_reach))
-    return Trial(f"{words}, carrying a known load of about {load:.0f} kg", scene._replace(dig=dig), load)
+    return RecommendedMotion(f"{words}, carrying a known load of about {load:.0f} kg", scene._replace(dig=dig), load)
 
 
 def _middle(machine: Machine) -> Array:
-    """The angles (N,) [rad] of `drive` at which joints stay that do not move: those that lift are above the ground."""
+    """Return the angles (N,) [rad] of `drive` of joints that do not move: those that lift are above the ground."""
     low, high = _range(machine).T
     return np.asarray((low + high) / 2.0)
 
@@ -92,21 +130,27 @@ def _range(machine: Machine) -> Array:
     return found
 
 
-def _scene(machine: Machine, begin: Array, steps: dict[int, tuple[Move, ...]]) -> Scene:
+def _scene(machine: Machine, begin: Array, steps: dict[int, tuple[Move, ...]], seconds: float = SECONDS) -> Scene:
     courses = tuple(JointCourse(float(u), steps.get(j, ())) for j, u in enumerate(begin))
-    return of_joints(machine, Scene(SECONDS, courses, JointCourse(0.0), ((0.0, Phase.AIR),)))
+    return of_joints(machine, Scene(seconds, courses, JointCourse(0.0), ((0.0, Phase.AIR),)))
 
 
 def _along(
-    machine: Machine, begin: Array, j: int, targets: Iterator[float], speeds: Iterator[float], rest: float
+    machine: Machine,
+    begin: Array,
+    j: int,
+    targets: Iterator[float],
+    speeds: Iterator[float],
+    rest: float,
+    window: tuple[float, float] = (0.5, SECONDS),
 ) -> tuple[Move, ...]:
-    """Strokes of joint j to one target [share of its range] after the other, as long as there is time."""
+    """Return strokes of joint j to one target [share of its range] after the other, within a time window [s]."""
     (low, high), now = _range(machine)[j], begin.copy()
-    clock, steps = 0.5, list[Move]()
+    (clock, end), steps = window, list[Move]()
     for share, speed in zip(targets, speeds, strict=False):
         target = float(low + share * (high - low))
         time = stroke_time(machine, now, j, target, speed * FASTEST)
-        if clock + time > SECONDS:
+        if clock + time > end:
             break
         steps.append(Move(clock, clock + time, target - float(now[j])))
         now[j] = target
@@ -114,21 +158,38 @@ def _along(
     return tuple(steps)
 
 
+def _single_stairs(machine: Machine, begin: Array) -> Scene:
+    """Return one joint after the other in stairs; each returns to the middle before the next one moves."""
+    joints, steps = driven(machine), dict[int, tuple[Move, ...]]()
+    share = (STAIRS_S - 1.0) / max(len(joints), 1)
+    for k, j in enumerate(joints):
+        first = 0.5 + k * share
+        up = _along(machine, begin, j, cycle(STAIRS), cycle((0.8, 0.4)), STAIR_HOLD_S, (first, first + share - BACK_S))
+        now = begin.copy()
+        now[j] += sum(step.rise for step in up)
+        clock = up[-1].stop + STAIR_HOLD_S if up else first
+        time = stroke_time(machine, now, j, float(begin[j]), FASTEST)
+        steps[j] = (*up, Move(clock, clock + time, float(begin[j] - now[j])))
+    return _scene(machine, begin, steps, STAIRS_S)
+
+
 def _strokes(machine: Machine, begin: Array, j: int, speeds: Sequence[float]) -> tuple[Move, ...]:
-    """From end to end, both ways at each speed."""
+    """Return strokes from end to end, both ways at each speed."""
     each = (speed for speed in cycle(speeds) for _ in WHOLE)
     return _along(machine, begin, j, cycle(WHOLE), each, REST_S)
 
 
 def _little(machine: Machine, begin: Array, j: int) -> tuple[Move, ...]:
-    """Short strokes to and fro at five angles in turn, longer and shorter ones."""
+    """Return short strokes to and fro at five angles in turn, longer and shorter ones."""
     targets = (at + way for at in cycle(np.linspace(*WHOLE, 5)) for step in LITTLE for way in (step, 0.0) * 3)
     return _along(machine, begin, j, targets, cycle((SLOW,)), REST_S)
 
 
 def _stairs(machine: Machine, begin: Array) -> Scene:
-    """All joints from posture to posture, with holds: shares of their ranges that are evenly spread (van der
-    Corput)."""
+    """Return all joints from posture to posture, with holds.
+
+    The postures are evenly spread shares of the ranges (van der Corput).
+    """
     steps = {
         j: _along(machine, begin, j, (_spread(k, base) for k in range(2, 100)), cycle((0.8,)), HOLD_S)
         for j, base in zip(driven(machine), (2, 3, 5, 7, 11, 13), strict=False)
@@ -145,9 +206,11 @@ def _spread(k: int, base: int) -> float:
     return WHOLE[0] + (WHOLE[1] - WHOLE[0]) * found
 
 
-def _together(machine: Machine, begin: Array, ends: Sequence[float], paces: Array) -> Scene:
-    each = zip(driven(machine), cycle(paces.tolist()), strict=False)
-    return _scene(machine, begin, {j: _along(machine, begin, j, cycle(ends), cycle((v,)), REST_S) for j, v in each})
+def _together(machine: Machine, begin: Array, ends: Sequence[float], paces: Array, seconds: float = SECONDS) -> Scene:
+    """Return strokes of all joints at once, each at a pace [share of the highest speed] of its own."""
+    each, window = zip(driven(machine), cycle(paces.tolist()), strict=False), (0.5, seconds)
+    steps = {j: _along(machine, begin, j, cycle(ends), cycle((v,)), REST_S, window) for j, v in each}
+    return _scene(machine, begin, steps, seconds)
 
 
 def _turns() -> JointCourse:

@@ -1,41 +1,46 @@
-"""How well a motion would tell the most probable candidates apart: expected information (ASID, arXiv 2404.12308).
+"""How well a motion separates the causes that are still possible: expected information (ASID, arXiv 2404.12308).
 
-Candidate a, with the size found, leaves the signature X_a s_a in the torques. Another candidate b, and the machine's
-parameters as well as the references tell them, take up of it what they can; what they cannot, squared and in units of
-noise and discrepancy, is the distance D_ab. Two candidates are then confused with at most the probability
-sqrt(p_a p_b) exp(-D_ab / 8) (Bhattacharyya); -8 log of the sum over all that may be confused with the likeliest one is
-the information of a recording."""
+Cause a with sizes s_a adds X_a s_a to the torques. Another cause b with free sizes, and the machine's parameters as far
+as they are uncertain, reproduce a part of it. The remainder, squared and in units of noise and discrepancy, is the
+distance D_ab. Two causes are then confused with at most the probability sqrt(p_a p_b) exp(-D_ab / 8) (Bhattacharyya).
+The information of a recording is -8 log of the sum over all causes that may be confused with the likeliest one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 
-from cylforce.diagnosis.answer.verdict import Search
-from cylforce.diagnosis.columns.recorded import Columns, GapRows, Recorded
-from cylforce.diagnosis.columns.rows import CENTRE
-from cylforce.diagnosis.columns.statistics import Shared, statistics, white
-from cylforce.diagnosis.inference.discrepancy import sums
-from cylforce.diagnosis.inference.found import Found
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN, Key
+from cylforce.diagnosis.constants import SAME_EVIDENCE
+from cylforce.diagnosis.decide import HypothesisEvidence
+from cylforce.diagnosis.model import CENTRE, ColumnLayout, HealthyMachine
+from cylforce.diagnosis.recordings import Recording
+from cylforce.diagnosis.regressors import LOAD_CENTRE
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Key
+from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise
 from cylforce.effects.library import Proposal
-from cylforce.programs.experiments.catalogue import SECONDS, Trial, catalogue
+from cylforce.programs.experiments.catalogue import SECONDS, STAIRS_S, TOGETHER_S, RecommendedMotion, catalogue
 from cylforce.signals.estimate import Array
 from cylforce.simulation.sensing import true_values
 from cylforce.simulation.simulator import Truth, draw_truth, simulate
 
-MOST_CANDIDATES = 3
-MOST_TOLD = 3  # motions
-AGAIN = "the same as in this recording, but for twice as long"
-LONGER = 2.0  # times as long as the recording is the motion that anybody thinks of
-WORTH = 1.25  # times as much must a load, a slope, warm oil tell; chosen
-TIMES = 100.0  # a figure beyond which no number is told
+MOST_RIVALS = 4  # causes that are compared
+MOST_ADVICE = 3  # motions that are recommended
+WORTH = 1.25  # times as much information must a load, a slope, warm oil bring to be recommended; chosen
+TIMES = 100.0  # a factor beyond which no number is printed
+LONGEST = (TOGETHER_S + STAIRS_S) / SECONDS  # times a motion of the catalogue: as long as a whole check-up
 
 
-class Candidate(NamedTuple):
-    """What may be the cause, with its probability: its proposal and sizes (M,), none for a machine in order."""
+@dataclass(frozen=True)
+class RivalCause:
+    """A cause that is still possible.
+
+    key:         name and place
+    probability: posterior
+    proposal:    the effect; None: the machine is healthy
+    sizes:       (M,) its most probable sizes [SI]; (0,) without an effect
+    """
 
     key: Key
     probability: float
@@ -43,174 +48,233 @@ class Candidate(NamedTuple):
     sizes: Array
 
 
-class Told(NamedTuple):
-    """What to record, and how many times the information of the present recording it brings in the same time."""
+@dataclass(frozen=True)
+class MotionAdvice:
+    """A motion to record next.
 
-    words: str
+    motion:    the motion
+    times:     its information in units of that of the present recordings, for the same duration
+    separates: pairs of causes of which it makes one more probable by SAME_EVIDENCE at least
+    """
+
+    motion: RecommendedMotion
     times: float
+    separates: tuple[tuple[Key, Key], ...]
 
 
-def candidates(found: Found, search: Search) -> tuple[Candidate, ...]:
-    """The most probable ones whose signature is known: none of those that come at moments, or are unknown."""
-    alone = {}
-    for h in sorted((h for h in found.asked.hypotheses if len(h.which) == 1), key=lambda h: h.log):
-        alone[found.asked.key(h.which[0])] = h
-    each = []
-    for key, probability in sorted(search.belief.of.items(), key=lambda item: -item[1]):
-        if key == NOTHING:
-            each.append(Candidate(key, probability, None, np.zeros(0)))
-        elif key != UNKNOWN and key in alone and found.question.forms[alone[key].which[0]][0].course is None:
-            proposal, column = found.question.forms[alone[key].which[0]]
-            sizes = alone[key].sizes * found.question.scene.spread[list(column.columns)]
-            each.append(Candidate(key, probability, proposal, sizes))
-    return tuple(c for c in each[:MOST_CANDIDATES] if c.probability > 0.0)
+@dataclass(frozen=True)
+class MotionPlan:
+    """What to record next.
+
+    advice:      motions, the best one first; empty where nothing is open, or no motion of the catalogue helps
+    inseparable: causes, the likeliest one first, that no motion of the catalogue separates; empty if there are none
+    stop_first:  whether the machine works in the recordings: it has to stop and move in the air
+    """
+
+    advice: tuple[MotionAdvice, ...] = ()
+    inseparable: tuple[Key, ...] = ()
+    stop_first: bool = False
+
+
+def rivals(evidence: HypothesisEvidence) -> tuple[RivalCause, ...]:
+    """Return the causes of the credible set that have a signature: no transients, and not the unknown cause."""
+    found = list[RivalCause]()
+    for key in evidence.credible:
+        probability = evidence.posterior[key]
+        if key == NO_GAP:
+            found.append(RivalCause(key, probability, None, np.zeros(0)))
+            continue
+        candidate = None if key == UNKNOWN else _simplest(evidence, key)
+        if candidate is None:
+            continue
+        proposal, sizes = _of_candidate(candidate, key)
+        if proposal.course is None or proposal.clock:
+            found.append(RivalCause(key, probability, proposal, sizes))
+    return tuple(found[:MOST_RIVALS])
+
+
+def _simplest(evidence: HypothesisEvidence, key: Key) -> Candidate | None:
+    """Return the most probable hypothesis of a cause by itself, else the most probable one with others."""
+    alone = [c for c in evidence.candidates if c.keys == {key} and len(c.hypothesis.forms) == 1]
+    return max(alone, key=lambda c: c.log + evidence.prior_of(c), default=evidence.best_of(key))
+
+
+def _of_candidate(candidate: Candidate, key: Key) -> tuple[Proposal, Array]:
+    """Return the effect of a hypothesis with this name and place, and its sizes (M,) [SI]."""
+    question, hypothesis = candidate.question, candidate.hypothesis
+    ends = np.cumsum([0, *(len(question.forms[form].columns) for form in hypothesis.forms)]).tolist()
+    for form, (first, last) in zip(hypothesis.forms, pairwise(ends), strict=True):
+        if candidate.key(form) == key:
+            return question.proposals[form], hypothesis.sizes[first:last] * question.unit_of(form)
+    raise ValueError(f"{key} is no effect of this hypothesis")
 
 
 @dataclass(frozen=True)
 class Separation:
-    """Distances between candidates on recordings of one machine."""
+    """Distances between causes on recordings of one machine.
 
-    found: Found
-    rivals: tuple[Candidate, ...]
+    machine:  the healthy machine
+    rivals:   the causes, K sizes in all
+    strength: factor that tempers all evidence
+    """
 
-    @cached_property
-    def _wanted(self) -> list[Proposal]:
-        return [c.proposal for c in self.rivals if c.proposal]
-
-    @cached_property
-    def _prior(self) -> tuple[Array, Array]:
-        """Of the machine's parameters: units (P,), and precision (P, P) in these."""
-        size = len(self.found.question.problem.model.parameters)
-        covariance = self.found.machine.covariance[:size, :size]
-        return self.found.question.problem.spread[:size], np.asarray(np.linalg.inv(covariance + 1e-12 * np.eye(size)))
+    machine: HealthyMachine
+    rivals: tuple[RivalCause, ...]
+    strength: float = 1.0
 
     @cached_property
-    def _unit(self) -> Array:
-        """Of the candidates' sizes (K,)."""
-        problem = self.found.question.problem
-        own = [k for p in self._wanted for k in problem.places[problem.proposals.index(p)]]
-        return np.asarray(problem.spread[own])
-
-    def recorded(self) -> Array:
-        """Information (K, K) on the candidates' sizes in the present recordings."""
-        problem = self.found.question.problem
-        own = [k - problem.first for p in self._wanted for k in problem.places[problem.proposals.index(p)]]
-        each = [(seen.rows, seen.rows.effects[..., own], seen.recorded.load) for seen in problem.faulty]
-        return self._marginal(*(np.sum(part, axis=0) for part in zip(*(self._told(*e) for e in each), strict=True)))
-
-    def of(self, motion: Trial) -> Array:
-        """The same in a recording of a motion, as long as the present ones."""
-        viewer = self.found.question.viewer
-        recorded = Recorded(motion.words, self._values(motion), motion.load, motion.after)
-        rows = viewer.rows(recorded, self._wanted)
-        information, loads = self._told(rows, rows.effects, motion.load)
-        return self._marginal(information * self.seconds / SECONDS, loads)
+    def _layout(self) -> ColumnLayout:
+        effects = tuple(r.proposal for r in self.rivals if r.proposal is not None)
+        return ColumnLayout(self.machine.regressors.model, effects, self.machine.layout.base_moves)
 
     @cached_property
-    def seconds(self) -> float:
-        """Length of the present recordings."""
-        return sum(len(seen.rows.t) for seen in self.found.question.problem.faulty) / self.found.question.viewer.rows_hz
-
-    def _values(self, motion: Trial) -> Array:
-        """Samples (T, S) of ideal sensors."""
-        model = self.found.question.viewer.model
-        t = np.arange(round(SECONDS * model.filters.rate_hz)) / model.filters.rate_hz
-        truth = self._truth._replace(pitch=motion.pitch)
-        return true_values(model.machine, simulate(model.machine, truth, motion.scene, t, 0.0))
+    def _columns(self) -> list[int]:
+        """Columns of the causes' sizes (K,)."""
+        return [column for columns in self._layout.places for column in columns]
 
     @cached_property
-    def _truth(self) -> Truth:
-        """A machine as the file has it."""
-        return draw_truth(self.found.question.viewer.model.machine, np.random.default_rng(0), 0.0)._replace(roll=0.0)
+    def unit(self) -> Array:
+        """Typical sizes (K,)."""
+        return np.asarray(self._layout.unit[self._columns])
 
-    def _told(self, rows: GapRows, effects: Columns, load: float) -> tuple[Array, Array]:
-        """Information (N, N) on parameters, load and candidates' sizes in a recording, in units of their spread; the
-        prior precision of the load (3,)."""
-        model, question = self.found.question.viewer.model, self.found.question
-        hanging = rows.base @ model.load[:, 1:] * np.array(CENTRE)
-        usable = np.isfinite(rows.left)[..., None]
-        columns = np.concatenate([rows.base * self._prior[0], hanging, effects * self._unit, rows.left[..., None]], -1)
-        whitened = white(np.where(usable, columns, np.nan), question.floor)
-        size = columns.shape[-1]
-        part = statistics(whitened, range(size - 1), Shared.nothing(rows.left.shape[1], size))
-        information = sums(np.ones(size - 1), [part]).information(self.found.machine.noise)[:-1, :-1]
-        return information, np.full(len(CENTRE), 1.0 if load else 1e12)
+    @cached_property
+    def _own(self) -> list[list[int]]:
+        """Numbers of the sizes of each cause, 0..K-1."""
+        ends = np.cumsum([0, *(len(r.sizes) for r in self.rivals)]).tolist()
+        return [list(range(first, last)) for first, last in pairwise(ends)]
 
-    def _marginal(self, information: Array, loads: Array) -> Array:
-        """What is left of the information on the candidates' sizes (K, K), the others unknown as they are."""
-        first = len(self._prior[0]) + len(loads)
-        precision = np.zeros((first, first))
-        precision[: len(self._prior[0]), : len(self._prior[0])] = self._prior[1]
-        precision[len(self._prior[0]) :, len(self._prior[0]) :] = np.diag(loads)
+    @cached_property
+    def _prior(self) -> Array:
+        """Prior precision (P, P) of the machine's parameters and bars, in units of their typical sizes."""
+        count, known = self._layout.first, self.machine.machine
+        covariance = known.covariance[:count, :count] + np.diag(known.variation[:count] ** 2 + 1e-12)
+        return np.asarray(np.linalg.inv(covariance))
+
+    # Information on the sizes
+
+    def recorded(self, recordings: Sequence[Recording]) -> Array:
+        """Return the information (K, K) of recordings on the causes' sizes."""
+        return np.asarray(np.sum([self._marginal(each) for each in recordings], axis=0))
+
+    def of(self, motion: RecommendedMotion) -> Array:
+        """Return the same of one recording of a motion."""
+        machine, filters = self.machine.regressors.model.machine, self.machine.regressors.model.filters
+        t = np.arange(round(motion.scene.duration * filters.rate_hz)) / filters.rate_hz
+        truth = self._nominal._replace(pitch=motion.pitch)
+        values = true_values(machine, simulate(machine, truth, motion.scene, t, 0.0))
+        return self._marginal(Recording(motion.words, values, motion.load_kg, motion.worked_s))
+
+    @cached_property
+    def _nominal(self) -> Truth:
+        """A machine as the machine file has it, on level ground."""
+        machine = self.machine.regressors.model.machine
+        return draw_truth(machine, np.random.default_rng(0), 0.0)._replace(pitch=0.0, roll=0.0)
+
+    def _marginal(self, recording: Recording) -> Array:
+        """Return the information (K, K) of a recording, the machine's parameters and where its load hangs unknown.
+
+        S = I_ss - I_sg (I_gg + C^-1)^-1 I_gs, s the sizes, g the parameters.
+        """
+        layout, regressors = self._layout, self.machine.regressors
+        whole = layout.columns(regressors.rows(recording, layout.proposals), recording)
+        count = layout.first
+        load = [layout.size + 1 + k for k in range(CENTRE)] if recording.load_kg else []
+        columns = whole[..., [*range(count), *load, *self._columns, -1]]
+        unit = np.concatenate([layout.unit[:count], LOAD_CENTRE[: len(load)], self.unit])
+        blocks = Blocks.whitened(columns, self.machine.floor)
+        none = SharedNoise.none(columns.shape[1], len(unit) + 1)
+        gram = Gram.of(blocks, range(len(unit)), unit, none)
+        information = self.machine.machine.noise.information(gram)[:-1, :-1]
+        first = count + len(load)
+        precision = np.eye(first)
+        precision[:count, :count] = self._prior
         across = information[:first, first:]
         taken = across.T @ np.linalg.solve(information[:first, :first] + precision, across)
         return np.asarray(information[first:, first:] - taken)
 
-    def information(self, told: Array) -> float:
-        """-8 log of the probability that the first candidate is confused with another, by information (K, K)."""
-        weight = np.sqrt([c.probability for c in self.rivals[1:]])
-        others = range(1, len(self.rivals))
-        apart = np.array([(self._distance(told, 0, j) + self._distance(told, j, 0)) / 2.0 for j in others])
+    # Distances
+
+    def information(self, sizes: Array) -> float:
+        """Return -8 log of the probability that the first cause is confused with another, by information (K, K)."""
+        weight = np.sqrt([r.probability for r in self.rivals[1:]])
+        apart = np.array([self.distance(sizes, 0, j) for j in range(1, len(self.rivals))])
         least = float(np.min(apart))
         return least - 8.0 * float(np.log(np.sum(weight * np.exp(-(apart - least) / 8.0)) / np.sum(weight)))
 
-    def _distance(self, told: Array, i: int, j: int) -> float:
-        """Squared distance of candidate i's signature from what candidate j can take up of it."""
-        a, b = self._own(i), self._own(j)
-        sizes = self.rivals[i].sizes / self._unit[a]
-        across = told[np.ix_(b, a)] @ sizes
-        own = told[np.ix_(b, b)] + np.eye(len(b))
+    def distance(self, sizes: Array, i: int, j: int) -> float:
+        """Return the squared distance of the signatures of two causes, the mean of both ways, tempered."""
+        return self.strength * (self._remainder(sizes, i, j) + self._remainder(sizes, j, i)) / 2.0
+
+    def _remainder(self, information: Array, i: int, j: int) -> float:
+        """Return the squared part of cause i's signature that cause j does not reproduce."""
+        a, b = self._own[i], self._own[j]
+        sizes = self.rivals[i].sizes / self.unit[a]
+        across = information[np.ix_(b, a)] @ sizes
+        own = information[np.ix_(b, b)] + np.eye(len(b))
         taken = float(across @ np.linalg.solve(own, across))
-        return max(float(sizes @ told[np.ix_(a, a)] @ sizes) - taken, 0.0)
+        return max(float(sizes @ information[np.ix_(a, a)] @ sizes) - taken, 0.0)
 
-    def _own(self, k: int) -> list[int]:
-        """The columns of a candidate."""
-        first = sum(len(c.sizes) for c in self.rivals[:k])
-        return list(range(first, first + len(self.rivals[k].sizes)))
-
-
-def planned(found: Found, search: Search) -> tuple[Told, ...]:
-    """The motions that tell the likeliest candidates apart best, the best first; none where there is but one."""
-    rivals = candidates(found, search)
-    if len(rivals) < 2:
-        return ()
-    separation = Separation(found, rivals)
-    present = separation.information(separation.recorded())
-    motions = catalogue(found.question.viewer.model.machine, _joints(found, rivals))
-    each = [Told(m.words, _times(separation.information(separation.of(m)), present)) for m in motions]
-    each.append(Told(AGAIN, LONGER))
-    return tuple(t for t in sorted(_worth(each), key=lambda t: -t.times)[:MOST_TOLD] if t.times >= LONGER)
+    def pairs(self, sizes: Array) -> frozenset[tuple[Key, Key]]:
+        """Return the pairs of causes that information (K, K) separates: D / 2 nats are SAME_EVIDENCE or more."""
+        numbers = range(len(self.rivals))
+        return frozenset(
+            (self.rivals[i].key, self.rivals[j].key)
+            for i in numbers
+            for j in numbers[i + 1 :]
+            if self.distance(sizes, i, j) / 2.0 >= SAME_EVIDENCE
+        )
 
 
-def _worth(each: Sequence[Told]) -> list[Told]:
-    """Without those that ask for more than another motion, and tell hardly more."""
-    return [t for t in each if not any(t.words.startswith(f"{o.words},") and t.times < WORTH * o.times for o in each)]
+def planned(evidence: HypothesisEvidence) -> MotionPlan:
+    """Return the motions that separate the causes that are still possible best, and what no motion separates."""
+    question = evidence.found.question
+    stop, open_causes = evidence.found.work is not None, rivals(evidence)
+    if len(open_causes) < 2:
+        return MotionPlan(stop_first=stop)
+    separation = Separation(question.machine, open_causes, evidence.strength)
+    recordings = [seen.recording for seen in question.seen]
+    seconds = sum(len(each.values) for each in recordings) / question.machine.regressors.model.filters.rate_hz
+    present = separation.information(separation.recorded(recordings))
+    machine = question.machine.regressors.model.machine
+    motions = list(catalogue(machine, _joints(evidence, open_causes)))
+    matrices = [separation.of(motion) for motion in motions]
+    each = []
+    for motion, matrix in zip(motions, matrices, strict=True):
+        information = separation.information(matrix * seconds / motion.scene.duration)
+        times = information / present if present > 0.0 else np.inf
+        each.append(MotionAdvice(motion, times, tuple(sorted(separation.pairs(matrix)))))
+    ever = frozenset[tuple[Key, Key]]().union(*(separation.pairs(LONGEST * matrix) for matrix in matrices))
+    first = open_causes[0].key
+    alike = tuple(r.key for r in open_causes[1:] if (first, r.key) not in ever)
+    if len(alike) == len(open_causes) - 1:
+        return MotionPlan(inseparable=(first, *alike), stop_first=stop)
+    best = sorted(_worth(each), key=lambda advice: -advice.times)[:MOST_ADVICE]
+    return MotionPlan(tuple(best), (first, *alike) if alike else (), stop)
 
 
-def _times(information: float, present: float) -> float:
-    return information / present if present > 0.0 else np.inf
+def _worth(each: Sequence[MotionAdvice]) -> list[MotionAdvice]:
+    """Return the motions without those that need more than another one, and bring hardly more information."""
+    return [
+        a
+        for a in each
+        if not any(a.motion.words.startswith(f"{o.motion.words},") and a.times < WORTH * o.times for o in each)
+    ]
 
 
-def _joints(found: Found, rivals: Sequence[Candidate]) -> list[int]:
-    """The joints at which the candidates' signatures are largest in the present recordings."""
-    problem, chosen = found.question.problem, list[int]()
-    for c in rivals:
-        if c.proposal is None:
-            continue
-        own = [k - problem.first for k in problem.places[problem.proposals.index(c.proposal)]]
-        energy = np.sum([np.nansum((s.rows.effects[..., own] @ c.sizes) ** 2, axis=0) for s in problem.faulty], axis=0)
-        chosen.append(problem.model.machine.rows[int(np.argmax(energy / found.question.floor.rms**2))])
-    return list(dict.fromkeys(chosen))
+def _joints(evidence: HypothesisEvidence, causes: Sequence[RivalCause]) -> list[int]:
+    """Return the joints at which the gap is largest over its noise floor, as many as there are causes at most."""
+    model = evidence.found.question.machine.regressors.model
+    order = np.argsort(-evidence.found.gaps)[: max(len(causes) - 1, 1)]
+    return [model.machine.rows[r] for r in order.tolist()]
 
 
-def said(told: Sequence[Told]) -> list[str]:
-    """The motions as sentences."""
-    return [f"{t.words}: tells {_many(t.times)} as much{_than(t)}" for t in told]
+def sentences(plan: MotionPlan) -> list[str]:
+    """Return a plan as sentences."""
+    found = [STOP] if plan.stop_first else []
+    for each in plan.advice:
+        many = f"more than {TIMES:.0f} times" if each.times > TIMES else f"{each.times:.2g} times"
+        found.append(f"{each.motion.words}: {many} the information of this recording in the same time")
+    return found
 
 
-def _than(each: Told) -> str:
-    return "" if each.words == AGAIN else " as this recording does in the same time"
-
-
-def _many(times: float) -> str:
-    return f"more than {TIMES:.0f} times" if times > TIMES else f"{times:.2g} times"
+STOP = "stop working, and move all joints in the air with an empty bucket: cylforce checkup says which motion decides"

@@ -17,7 +17,7 @@ import numpy as np
 
 from cylforce.estimation.model import BetweenStrokes, Tares
 from cylforce.fleet.evidence import Evidence
-from cylforce.programs.common.row_cache import cache_folder
+from cylforce.programs.common.statistics_cache import cache_folder
 from cylforce.programs.fleet.task import Summary
 from cylforce.signals.estimate import Array
 

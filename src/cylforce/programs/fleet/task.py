@@ -14,24 +14,35 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cylforce.commissioning.identification import identify
-from cylforce.diagnosis.columns.recorded import Recorded
 from cylforce.estimation.model import Tares
 from cylforce.files.atomic import RecordingError
 from cylforce.files.logreader import with_ticks
 from cylforce.files.recording import Events, open_pieces, sensor_frames
 from cylforce.fleet.coordinates import followed_model
 from cylforce.fleet.evidence import Evidence, evidence
+from cylforce.programs.common.program_code import program
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.common.recorded import SHORTEST_S, chosen
-from cylforce.programs.common.row_cache import program
 from cylforce.programs.fleet.store import stamp_of, stored_path
 from cylforce.programs.replay import replay
+from cylforce.readings.recording import Recording
 from cylforce.service.core import Core
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import Loaded, load_text
 
 PIECE = 1 << 20  # bytes that are read at once for the hash
-ROOMS = ("signals", "mechanics", "effects", "estimation", "service", "commissioning", "diagnosis", "fleet", "files")
+ROOMS = (
+    "signals",
+    "mechanics",
+    "effects",
+    "estimation",
+    "service",
+    "commissioning",
+    "readings",
+    "diagnosis",
+    "fleet",
+    "files",
+)
 OK, DOUBTFUL, WORK, FAILED, CHANGED = "ok", "doubtful", "at work", "failed", "changed while read"
 
 
@@ -109,7 +120,7 @@ def _told(job: Job, facts: dict[str, Any]) -> Summary:
     loaded = loaded_of(job.text, job.machine_file)
     warnings: list[str] = facts["warnings"]
     found = chosen(loaded, [stored_path(job.address)], {}, tell=warnings.append)
-    facts["begins_s"] = found.stretches[0].begins if found.stretches else 0.0
+    facts["begins_s"] = found.stretches[0].begins_s if found.stretches else 0.0
     facts["of_seconds"] = found.looked_at[0].of_seconds
     facts["usable"] = found.looked_at[0].seconds / max(facts["of_seconds"], 1e-9)
     if not found.stretches:
@@ -123,7 +134,7 @@ def _told(job: Job, facts: dict[str, Any]) -> Summary:
     return _identified(loaded, found.stretches, facts, told)
 
 
-def _identified(loaded: Loaded, stretches: Sequence[Recorded], facts: dict[str, Any], told: Evidence) -> Summary:
+def _identified(loaded: Loaded, stretches: Sequence[Recording], facts: dict[str, Any], told: Evidence) -> Summary:
     """With what `cylforce identify` says of it: a recording that it refuses is doubtful, but a change of the machine
     may be the reason for that."""
     segments = [each.values for each in stretches]

@@ -1,4 +1,4 @@
-"""Figures of a gap: evidence, heat map, friction map, signatures, waterfall."""
+"""Figures of a gap: evidence, pressures at the worst place, heat map, friction map, signatures, waterfall."""
 
 from typing import Any
 
@@ -8,10 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
-from cylforce.diagnosis.answer.shape import quantities
-from cylforce.diagnosis.answer.shrinkage import Gap
-from cylforce.diagnosis.answer.verdict import Judged, Search
-from cylforce.diagnosis.columns.problem import Problem
+from cylforce.diagnosis import Diagnosis
+from cylforce.diagnosis.explain import Picture, quantities
+from cylforce.diagnosis.search import UNKNOWN, FieldQuestion
 from cylforce.programs.reports.drawing import (
     AMBER,
     BLUE,
@@ -29,7 +28,7 @@ from cylforce.programs.reports.drawing import (
     nothing,
 )
 from cylforce.programs.reports.evidence import DrawnSamples, push
-from cylforce.programs.reports.gap_shown import Heat, Overlay, Shown, excess, movers, readable
+from cylforce.programs.reports.gap_shown import Heat, Overlay, Shown, Step, movers, readable
 from cylforce.signals.estimate import Array
 from cylforce.signals.units import DEGREE
 
@@ -46,25 +45,41 @@ OVER = {
 }
 
 
-def bars(search: Search, judged: Judged) -> Figure:
-    """Evidence of the candidates, each by itself, before anything is taken out."""
-    named = {n.cause.key for n in judged.named}
-    confused = {r.key for n in judged.named for r in n.confused}
-    shown = sorted((r for r in search.first if r.nats > 0.0), key=lambda r: -r.nats)[:MOST_BARS]
+def bars(found: Diagnosis) -> Figure:
+    """Draw the evidence of the candidates, each by itself."""
+    evidence = found.evidence
+    named = {n.cause.key for n in found.named}
+    confused = {key for n in found.named for key in n.rivals}
+    nats = {key: log - evidence.found.healthy.log for key, log in evidence.alone.items() if key != UNKNOWN}
+    shown = sorted((key for key in nats if nats[key] > 0.0), key=lambda key: -nats[key])[:MOST_BARS]
     figure = canvas(0.8 + 0.3 * max(len(shown), 1))
     axes = figure.subplots()
-    colours = [BLUE if r.key in named else AMBER if r.key in confused else GRID for r in shown]
-    axes.barh(range(len(shown)), [r.nats for r in shown], color=colours, height=0.66)
-    for k, r in enumerate(shown):
-        word = ": named" if r.key in named else ": cannot be distinguished" if r.key in confused else ""
-        noted(axes, r.nats, k, f"{r.nats:.0f}{word}")
-    axes.set_yticks(range(len(shown)), [readable(r.key) for r in shown])
-    axes.set_xlim(0.0, 1.25 * max([r.nats for r in shown] or [1.0]))
+    colours = [BLUE if key in named else AMBER if key in confused else GRID for key in shown]
+    axes.barh(range(len(shown)), [nats[key] for key in shown], color=colours, height=0.66)
+    for k, key in enumerate(shown):
+        word = ": named" if key in named else ": cannot be distinguished" if key in confused else ""
+        noted(axes, nats[key], k, f"{nats[key]:.0f}{word}")
+    axes.set_yticks(range(len(shown)), [readable(key) for key in shown])
+    axes.set_xlim(0.0, 1.25 * max([nats[key] for key in shown] or [1.0]))
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("evidence [nats] of each candidate by itself, against none")
     if not shown:
         axes.text(0.5, 0.5, "no candidate has any", ha="center", color=PALE, transform=axes.transAxes)
+    return figure
+
+
+def pressures(picture: Picture, *, named: bool) -> Figure:
+    """Draw the pressure at the worst place over time: measured, simulated before, and with the named causes."""
+    figure = canvas(3.2)
+    axes = figure.subplots()
+    axes.plot(picture.t, picture.measured, color=INK, linewidth=2.2, label="measured")
+    axes.plot(picture.t, picture.before, color=ORANGE, linewidth=1.3, label="model, as it was")
+    if named:
+        axes.plot(picture.t, picture.after, color=BLUE, linewidth=1.3, linestyle="--", label="model with the causes")
+    axes.legend(loc="upper right", ncols=3)
+    axes.set_xlabel("time since the recording began [s]")
+    axes.set_ylabel(f"{picture.cylinder} cylinder, as head-side pressure [bar]")
     return figure
 
 
@@ -81,12 +96,12 @@ def heat(shown: Heat, found: set[tuple[str, str]], *, taken: bool) -> Figure:
     for joint, regime in found:
         _framed(axes[0], shown.regimes.index(regime), shown.joints.index(joint))
     axes[1].set_xticks(range(len(shown.regimes)), [name.replace(" ", "\n") for name in shown.regimes])
-    figure.colorbar(image, ax=axes, label="times the residual in order", extend="max", aspect=30, pad=0.01)
+    figure.colorbar(image, ax=axes, label="times the residual of a healthy machine", extend="max", aspect=30, pad=0.01)
     return figure
 
 
 def _cells(axes: Axes, shown: Heat, values: Array) -> AxesImage:
-    ratio = excess(shown, values)
+    ratio = shown.excess(values)
     image = axes.imshow(ratio, cmap="OrRd", vmin=1.0, vmax=WORST, aspect="auto")
     for (y, x), value in np.ndenumerate(values):
         colour = "white" if ratio[y, x] > 0.65 * WORST else INK
@@ -101,10 +116,10 @@ def _framed(axes: Axes, x: int, y: int) -> None:
     axes.add_patch(Rectangle((x - 0.47, y - 0.45), 0.94, 0.9, fill=False, edgecolor=INK, linewidth=1.6))
 
 
-def friction(search: Search, shown: Shown) -> Figure:
+def friction(question: FieldQuestion, shown: Shown) -> Figure:
     """Residual of every joint as force of its cylinder, over speed, coloured by the cylinder's force; before, after."""
-    model = search.original.model
-    pairs = list(zip(*movers(search.original), strict=True))
+    model = question.machine.regressors.model
+    pairs = list(zip(*movers(question), strict=True))
     figure = canvas(6.0)
     axes = figure.subplots(2, len(pairs), squeeze=False, sharex="col", sharey="col")
     for k, (j, c) in enumerate(pairs):
@@ -158,17 +173,17 @@ def _laid_over(upper: Axes, lower: Axes, each: Overlay) -> None:
     lower.set_xlabel(f"seconds into {each.recording}")
 
 
-def waterfall(search: Search, steps: tuple[tuple[str, Array], ...]) -> Figure:
-    """How the residual falls, step by step, of all joints together and of each."""
-    machine = search.original.model.machine
+def waterfall(question: FieldQuestion, steps: tuple[Step, ...]) -> Figure:
+    """Draw how the residual falls, step by step, of all joints together and of each."""
+    machine = question.machine.regressors.model.machine
     names = ["all joints", *(machine.links[j].name for j in machine.rows)]
     figure = canvas(0.9 + 0.36 * len(steps))
     axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
     for k, name in enumerate(names):
-        values = [float(np.sqrt(np.mean(v**2)) if k == 0 else v[k - 1]) for _, v in steps]
+        values = [float(np.sqrt(np.mean(s.residual**2)) if k == 0 else s.residual[k - 1]) for s in steps]
         _falling(axes[k], values)
         axes[k].set_title(f"{name} [N m]")
-    axes[0].set_yticks(range(len(steps)), [label for label, _ in steps])
+    axes[0].set_yticks(range(len(steps)), [step.label for step in steps])
     axes[0].invert_yaxis()
     return figure
 
@@ -184,26 +199,29 @@ def _falling(axes: Axes, values: list[float]) -> None:
     axes.grid(visible=False, axis="y")
 
 
-def shape(problem: Problem, gap: Gap, unknown: dict[str, Any]) -> Figure:
-    """Residual of the joint over the quantity that predicts it, extending orange, retracting blue, means with scatter;
-    over time, if none does."""
-    machine = problem.model.machine
+def shape(found: Diagnosis, unknown: dict[str, Any]) -> Figure:
+    """Draw the residual of the joint over the quantity that predicts it, or over time if none does.
+
+    Extending is orange, retracting blue; means have their scatter.
+    """
+    question = found.evidence.found.question
+    machine = question.machine.regressors.model.machine
     row = [machine.links[j].name for j in machine.rows].index(unknown["at"])
-    each, way = quantities(problem, row)
-    told = next((q for q in each if (q.of, q.detail) == (unknown["of"], unknown["detail"])), each[-1])
-    label, factor = OVER[told.of]
-    x, y = told.values * factor, np.concatenate([e[:, row] for e in gap.left]) * 1e-3
+    each, direction = quantities(question, row)
+    name, detail, values = next((q for q in each if q[:2] == (unknown["of"], unknown["detail"])), each[-1])
+    label, factor = OVER[name]
+    x, y = values * factor, np.concatenate([e[:, row] for e in found.simulated.after]) * 1e-3
     figure = canvas(3.4)
     axes = figure.subplots()
     low, high = np.percentile(x, [0.5, 99.5]).tolist()
     edges, step = np.linspace(low, high, BINS + 1), -(-len(x) // MOST_POINTS)
     for sign, colour, word in ((1.0, ORANGE, "extending"), (-1.0, BLUE, "retracting")):
-        moves = (sign * way > 0.0) & np.isfinite(y)
+        moves = (sign * direction > 0.0) & np.isfinite(y)
         axes.scatter(x[moves][::step], y[moves][::step], s=4, color=colour, alpha=0.5, linewidths=0, label=word)
         banded(axes, x[moves], y[moves], edges, colour)
-    axes.set_xlabel(label.format(detail=told.detail))
+    axes.set_xlabel(label.format(detail=detail))
     axes.legend(loc="upper right", ncols=2, markerscale=3.0)
     bounded(axes, y[np.isfinite(y)])
     axes.axhline(0.0, color=PALE, linewidth=0.8)
-    axes.set_ylabel(f"left at the {unknown['at']} [kN m]")
+    axes.set_ylabel(f"residual of the {unknown['at']} [kN m]")
     return figure

@@ -5,8 +5,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from cylforce.diagnosis.answer.shrinkage import Gap
-from cylforce.diagnosis.answer.verdict import Judged, Search
+from cylforce.diagnosis import Diagnosis
 from cylforce.programs.reports import gap_figures
 from cylforce.programs.reports.gap_shown import shown
 from cylforce.programs.reports.gap_words import least, lines, rivals
@@ -14,44 +13,50 @@ from cylforce.programs.reports.template import Wanted, drawn, rendered
 from cylforce.programs.reports.units import SHOWN
 from cylforce.programs.wording.plain import Plain
 
-NOTHING: dict[str, Any] = {"lines": (), "rivals": (), "least": (), "figures": {}}
+NO_CONTENT: dict[str, Any] = {"lines": (), "rivals": (), "least": (), "figures": {}}
 
 
-def gap_page(
-    found: tuple[Search, Judged, Gap] | None, answer: Mapping[str, Any], said: Plain, origin: Mapping[str, Any]
-) -> str:
-    """The HTML. `found`: None where nothing could be concluded; `said`: it in plain words; `origin`: machine,
-    files with their hashes and loads, date, version."""
-    content = NOTHING if found is None else _content(*found, dict(answer))
+def gap_page(found: Diagnosis | None, answer: Mapping[str, Any], said: Plain, origin: Mapping[str, Any]) -> str:
+    """Return the HTML.
+
+    found:  None where nothing could be concluded
+    said:   the answer in plain words
+    origin: machine, files with their hashes and loads, date, version
+    """
+    content = NO_CONTENT if found is None else _content(found, dict(answer))
     units = [(si, name, f"{factor:.6g}") for si, (name, factor) in SHOWN.items()]
     return rendered("gap.html.j2", answer=answer, said=said, origin=origin, units=units, **content)
 
 
-def _content(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -> dict[str, Any]:
-    machine = search.original.model.machine
+def _content(found: Diagnosis, answer: dict[str, Any]) -> dict[str, Any]:
+    machine = found.evidence.found.question.machine.regressors.model.machine
     return {
-        "lines": lines(machine, judged, answer),
-        "rivals": rivals(machine, search, judged),
-        "least": least(search),
-        "figures": _figures(search, judged, gap, answer),
+        "lines": lines(machine, found, answer),
+        "rivals": rivals(machine, found),
+        "least": least(found),
+        "figures": _figures(found, answer),
     }
 
 
-def _figures(search: Search, judged: Judged, gap: Gap, answer: dict[str, Any]) -> dict[str, Markup]:
-    drawing, unknown = shown(search, judged, gap), answer["unknown"]
+def _figures(found: Diagnosis, answer: dict[str, Any]) -> dict[str, Markup]:
+    drawing, unknown, question = shown(found), answer["unknown"], found.evidence.found.question
     spots = {(s["channel"], s["regime"]) for s in answer["where"] if s["found"]}
+    simulated = bool(found.named) and not answer["working"]
     wanted: Wanted = {
-        "evidence": (lambda: gap_figures.bars(search, judged), "evidence of the candidates"),
-        "waterfall": (lambda: gap_figures.waterfall(search, drawing.steps), "residual as effects are taken out"),
+        "evidence": (lambda: gap_figures.bars(found), "evidence of the candidates"),
+        "waterfall": (lambda: gap_figures.waterfall(question, drawing.steps), "residual as effects are simulated"),
         "where": (
-            lambda: gap_figures.heat(drawing.heat, spots, taken=bool(judged.named) and not search.working),
+            lambda: gap_figures.heat(drawing.heat, spots, taken=simulated),
             "residual by joint and regime, before and after",
         ),
-        "friction": (lambda: gap_figures.friction(search, drawing), "residual force over cylinder speed"),
+        "friction": (lambda: gap_figures.friction(question, drawing), "residual force over cylinder speed"),
     }
+    if drawing.picture is not None:
+        picture = drawing.picture
+        figure = (lambda: gap_figures.pressures(picture, named=simulated), "pressure measured and simulated over time")
+        wanted["pressures"] = figure
     if unknown and unknown["of"] != "none":
-        figure = (lambda: gap_figures.shape(search.original, gap, unknown), "residual over what it is a function of")
-        wanted["shape"] = figure
+        wanted["shape"] = (lambda: gap_figures.shape(found, unknown), "residual over what it is a function of")
     if drawing.overlays:
         wanted["signatures"] = (lambda: gap_figures.overlays(drawing.overlays), "effects laid over the residual")
     return drawn(wanted)

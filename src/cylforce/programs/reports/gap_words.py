@@ -4,8 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.answer.verdict import Judged, Search
-from cylforce.diagnosis.inference.posterior import UNKNOWN
+from cylforce.diagnosis import Diagnosis
+from cylforce.diagnosis.explain import smallest_detectable
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.reports.units import interval, shown
@@ -46,11 +47,11 @@ class Least(NamedTuple):
     places: tuple[tuple[str, str, bool], ...]
 
 
-def lines(machine: Machine, judged: Judged, answer: dict[str, Any]) -> tuple[CauseLine, ...]:
+def lines(machine: Machine, found: Diagnosis, answer: dict[str, Any]) -> tuple[CauseLine, ...]:
     """The named causes."""
     return tuple(
         _line(machine, named.cause.proposal, effect)
-        for named, effect in zip(judged.named, answer["effects"], strict=True)
+        for named, effect in zip(found.named, answer["effects"], strict=True)
     )
 
 
@@ -80,28 +81,30 @@ def unit_of(machine: Machine, proposal: Proposal) -> str:
     return "m" if machine.signals[proposal.where].kind is Kind.CYLINDER_LENGTH else "rad"
 
 
-def rivals(machine: Machine, search: Search, judged: Judged) -> tuple[Rival, ...]:
-    """What else it may be, the most probable first."""
-    found = []
-    for n in judged.named[:1]:
-        close = {r.key for r in n.confused}
-        for r in search.first:
-            if r.key == n.cause.key or not r.known or r.probability < LEAST_TOLD:
+def rivals(machine: Machine, found: Diagnosis) -> tuple[Rival, ...]:
+    """Return what else it may be, the most probable first."""
+    evidence, rows = found.evidence, []
+    about = {(p.name, p.at): p.about for p in evidence.found.question.machine.layout.proposals}
+    for n in found.named[:1]:
+        close = set(n.rivals)
+        for key, probability in sorted(evidence.posterior.items(), key=lambda item: -item[1]):
+            if key in (n.cause.key, NO_GAP, UNKNOWN) or key not in about or probability < LEAST_TOLD:
                 continue
-            names = [fault(machine, *key) for key in (n.cause.key, r.key)]
-            confirm = r.proposal.about.confirm
-            found.append(Rival(names[0], names[1], f"{100 * r.probability:.0f} %", r.key in close, confirm))
-    return tuple(found)
+            names = [fault(machine, *each) for each in (n.cause.key, key)]
+            rows.append(Rival(names[0], names[1], f"{100 * probability:.0f} %", key in close, about[key].confirm))
+    return tuple(rows)
 
 
-def least(search: Search) -> tuple[Least, ...]:
-    """Smallest detectable size (5 sigma) of every effect at every place."""
+def least(found: Diagnosis) -> tuple[Least, ...]:
+    """Return the smallest detectable size (5 sigma) of every effect at every place."""
     best: dict[str, list[tuple[float, Proposal]]] = {}
-    for proposal in {(p.name, p.at): p for p in search.original.proposals}.values():
-        if (proposal.name, proposal.at) in search.least and proposal.name != UNKNOWN[0]:
-            best.setdefault(proposal.name, []).append((search.least[proposal.name, proposal.at], proposal))
-    machine = search.original.model.machine
-    return tuple(_least(machine, name, found) for name, found in best.items())
+    question, sizes = found.evidence.found.question, smallest_detectable(found.evidence.found)
+    for proposal in {(p.name, p.at): p for p in question.machine.layout.proposals}.values():
+        key = proposal.name, proposal.at
+        if key in sizes and proposal.name != UNKNOWN[0]:
+            best.setdefault(proposal.name, []).append((sizes[key], proposal))
+    machine = question.machine.regressors.model.machine
+    return tuple(_least(machine, name, each) for name, each in best.items())
 
 
 def _least(machine: Machine, name: str, found: list[tuple[float, Proposal]]) -> Least:

@@ -56,14 +56,20 @@ def gap_report(loaded: Loaded, question: Question, found: Diagnosed, watch: Watc
     from cylforce.programs.reports.gap_page import gap_page
 
     watch("drawing the report", None)
-    parts = None if found.search is None or found.gap is None else (found.search, found.judged, found.gap)
     said = plain(loaded.service.machine, found.answer)
-    return gap_page(parts, {"next_experiment": ()} | found.answer, said, _origin(loaded, question, found.answer))
+    return gap_page(
+        found.diagnosis, {"next_experiment": ()} | found.answer, said, _origin(loaded, question, found.answer)
+    )
 
 
 def _origin(loaded: Loaded, question: Question, answer: dict[str, Any]) -> dict[str, Any]:
     identified = () if question.identified is None else (question.identified,)
-    groups = {"field": question.field, "reference": question.reference, "identified": identified}
+    groups = {
+        "field": question.field,
+        "reference": question.reference,
+        "simulation": question.simulation,
+        "identified": identified,
+    }
     shares = iter(looked(part) for part in answer.get("looked_at", ()))  # in the order of the recordings
     return {
         "machine": loaded.service.machine.name,

@@ -17,7 +17,6 @@ SHOWN: dict[str, tuple[str, float]] = {
     "N": ("kN", 1e-3),
     "N s/m": ("kN s/m", 1e-3),
     "N m/rad": ("N m/°", float(np.radians(1.0))),
-    "N (s/m)^power": ("kN (s/m)^power", 1e-3),
     "1": ("%", 1e2),
 }
 

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.kinds import Kind, Signal
 
@@ -31,7 +31,14 @@ class Words(NamedTuple):
 
 
 HIGH, LOW = "too high", "too low"
-BEFORE, ON_SHEET = "than before", "than on its data sheet"  # what a machine is compared with
+# What a machine is compared with, by `compared_with` of the answer: only references were recorded before.
+THAN = {
+    "references": "than before",
+    "simulation": "than in the simulation",
+    "identification": "than identified",
+    "data_sheet": "than on its data sheet",
+}
+BEFORE = THAN["references"]
 MORE, LESS = "more {}", "less {}"
 WORDS: dict[str, Words] = {
     "coulomb_friction": Words("changed dry friction in {}", MORE, LESS, cylinder=True),
@@ -48,13 +55,17 @@ WORDS: dict[str, Words] = {
     "presliding_hysteresis": Words("friction just after turning back in {}", cylinder=True),
     "friction_temperature_drift": Words("friction that changes as the oil warms in {}", cylinder=True),
     "return_line_loss": Words("pressure lost in the hydraulic line of {}", MORE, LESS, cylinder=True),
+    "pin_friction": Words("friction of the pin of the {} joint"),
+    "counterbalance_pressure": Words("braking by the load-holding valve in {}", MORE, LESS, cylinder=True),
     "end_cushion": Words("braking at the end of the stroke of {}", cylinder=True),
     "pressure_offset": Words("a wrong zero of {}", HIGH, LOW),
     "pressure_gain": Words("a wrong scale of {}", HIGH, LOW),
     "pressure_drift": Words("a drifting zero of {}", "up", "down"),
+    "pressure_zero_settling": Words("a zero of {} that settles after the start", HIGH, LOW),
     "pressure_sensor_hysteresis": Words("readings that lag behind a changing pressure at {}"),
     "angle_offset": Words("a wrong zero of {}", HIGH, LOW),
     "angle_scale": Words("a wrong scale of {}", HIGH, LOW),
+    "encoder_eccentricity": Words("an encoder off its axis at {}"),
     "sensor_delay": Words("late readings of {}"),
     "intermittent_glitch": Words("readings that jump for moments at {}"),
     "tilt_ignored": Words("a tilt of {} that is not measured rightly"),
@@ -64,14 +75,16 @@ WORDS: dict[str, Words] = {
     "mud": Words("mass that builds up on the {}, such as mud"),
     "hose_spring": Words("hoses that pull like a spring at the {} joint"),
     "compliance": Words("a bending {} under load"),
+    "ringing_compliance": Words("a springy {} that swings after starts and stops"),
     "backlash": Words("play in the {} joint"),
     "soil_contact": Words("contact of the {} with the ground or an obstacle"),
     "slew_centrifugal": Words("turning of the house that no sensor measures"),
     "boom_motion": Words("movement of what carries the first link"),
+    "soft_ground": Words("soft ground under {}, which rocks with its arm"),
     "payload_spill": Words("load falling out of the {}", less="less"),
     "payload_shift": Words("load moving in the {}"),
     "clock_fault": Words("pressures and angles that were recorded on different clocks"),
-    NOTHING[0]: Words("nothing: the machine is in order"),
+    NO_GAP[0]: Words("nothing: the machine is in order"),
     UNKNOWN[0]: Words("something that is none of the known faults"),
 }
 # SI unit of a size: the unit that is told, and what of it makes one SI unit.
@@ -89,6 +102,7 @@ TOLD: dict[str, tuple[str, float]] = {
     "N m/rad": ("N m a degree", float(np.radians(1.0))),
     "rad/(N m)": (f"degrees at {WORKING_TORQUE / 1e3:.0f} kN m", WORKING_TORQUE * float(np.degrees(1.0))),
 }
+STATED_AT = {"return_line_loss": "at 0.3 m/s", "end_cushion": "at 0.1 m/s", "mud": "after ten minutes"}  # their sizes
 SILENT = ("soil_contact", "slew_centrifugal", "boom_motion")  # their size is that of many moments, or of a lever
 
 
@@ -100,16 +114,19 @@ def fault(machine: Machine, name: str, at: str) -> str:
     return words.wrong.format(cylinder(at) if words.cylinder else place(machine, at))
 
 
-def left_aside(machine: Machine, seconds: float, incident: tuple[str, str] | None) -> str:
-    """A sentence on moments that do not count, and on the incident, (name, at), that happens in them, None if it is an
-    everyday one; empty where all count."""
+def happening_beside(machine: Machine, seconds: float, incident: tuple[str, str] | None) -> str:
+    """Return a sentence on what happens in some blocks beside the cause; empty where nothing does.
+
+    seconds:  of these blocks
+    incident: name and place; None of something that healthy machines do, too
+    """
     if not seconds:
         return ""
     if incident is None:
-        return f"for about {seconds:.0f} s something everyday happens: these moments do not count"
+        return f"for about {seconds:.0f} s something everyday happens: this time does not count"
     return (
         f"for about {seconds:.0f} s something happens, most probably {fault(machine, *incident)}: what is wrong "
-        "besides was looked for in the other moments, and nothing is told of these"
+        "besides was looked for beside it"
     )
 
 
@@ -152,8 +169,9 @@ def _told(machine: Machine, effect: dict[str, Any], unit: str) -> tuple[str, flo
     if unit == "rad (m)":
         signal = _signal(machine, effect["at"])
         unit = "m" if signal is not None and signal.kind is Kind.CYLINDER_LENGTH else "rad"
-    if unit == "N (s/m)^power":
-        return f"N at {WORKING_SPEED:g} m/s", WORKING_SPEED ** float(effect["shape"]["power"])
+    if effect["name"] in STATED_AT:
+        unit, factor = TOLD[unit]
+        return f"{unit} {STATED_AT[effect['name']]}", factor
     return TOLD.get(unit, (unit, 1.0))
 
 

@@ -1,5 +1,7 @@
 """The parameters of the model in words: what each is, and which motion determines it. Pure."""
 
+from cylforce.programs.wording.fault_words import number
+
 # What a parameter is, and which motion determines it, by the end of its name.
 MEANING = {
     "J": ("inertia about its pin", "start and stop {0} briskly, both ways"),
@@ -28,3 +30,22 @@ def meaning(name: str) -> str:
 def parameter(name: str) -> str:
     """Return a parameter with its place: `boom.coulomb` is the dry friction of the boom."""
     return f"{meaning(name)} of the {name.rpartition('.')[0]}"
+
+
+# Words for a parameter of a link that is too large and too small.
+WEIGHT = {"X": ("too heavy", "too light"), "J": ("too inert", "too little inert")}
+SMALLEST_BASE = 0.05  # of the larger value: below, a change in per cent says nothing
+
+
+def parameter_error(name: str, unit: str, model: float, machine: float) -> str:
+    """Return in words by how much a parameter of the model is wrong.
+
+    model, machine: its value in the model, and as fitted to the machine
+    """
+    place, _, law = name.rpartition(".")
+    larger = max(abs(model), abs(machine), 1e-300)
+    if law in WEIGHT and min(abs(model), abs(machine)) > SMALLEST_BASE * larger and model * machine > 0.0:
+        share = 100.0 * (model - machine) / machine
+        return f"the {place} is {abs(share):.0f} % {WEIGHT[law][share < 0.0]}"
+    word = "large" if model > machine else "small"
+    return f"the {meaning(name)} of the {place} is {number(abs(model - machine))} {unit} too {word}"

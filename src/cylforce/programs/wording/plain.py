@@ -3,11 +3,11 @@
 from math import isfinite
 from typing import Any, NamedTuple
 
-from cylforce.diagnosis.answer.verdict import Verdict
-from cylforce.diagnosis.inference.posterior import NOTHING, UNKNOWN
+from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.mechanics.machine import Machine
-from cylforce.programs.wording.fault_words import BEFORE, ON_SHEET, amount, fault, number
-from cylforce.programs.wording.parameter_words import parameter
+from cylforce.programs.wording.fault_words import BEFORE, THAN, amount, fault, number
+from cylforce.programs.wording.parameter_words import parameter_error
 
 MOST = 0.6  # of a joint's difference, from which on a sentence says when it shows; as for shapes
 MOST_WHEN = 2  # circumstances that are told
@@ -53,38 +53,36 @@ class Plain(NamedTuple):
 
 
 def plain(machine: Machine, answer: dict[str, Any]) -> Plain:
-    """What is wrong, how much, where, how sure, what else it may be, what it does, how much is explained, the next
-    step."""
-    if "identify_first" in answer:
-        return _identify_first(machine, answer)
-    points = (
+    """Return what is wrong, how much, where, how sure, what else it may be, what it does, what to do next."""
+    points = [Paragraph("Its model", _wrong_parameters(answer))]
+    if "identify_first" not in answer or answer["effects"]:
+        points += _of_the_cause(machine, answer)
+    points += [
+        Paragraph("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
+        Paragraph(NEXT, _next(answer)),
+    ]
+    return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
+
+
+def _of_the_cause(machine: Machine, answer: dict[str, Any]) -> list[Paragraph]:
+    """Return what is said of the cause, or of a difference without one."""
+    return [
         Paragraph("How much", _sizes(machine, answer)),
         Paragraph("Where", _where(answer)),
         Paragraph("How sure", _sure(answer)),
         Paragraph("It may also be" if answer["effects"] else "It may be", _others(machine, answer)),
         Paragraph("What it does", _harm(answer)),
         Paragraph("Once corrected" if answer["effects"] else "How large", _shrinks(answer)),
-        Paragraph("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
-        Paragraph(NEXT, _next(answer)),
-    )
-    return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
+    ]
 
 
-def _identify_first(machine: Machine, answer: dict[str, Any]) -> Plain:
-    """The answer where the model's own parameters come before any fault."""
-    told = answer["identify_first"]
-    points = (
-        Paragraph("What differs", (*_sizes(machine, answer, ON_SHEET), *_changes(told["parameters"]))),
-        Paragraph("Take care", tuple(sentence(text) for text in answer.get("warnings", ()))),
-        Paragraph(NEXT, _next(answer)),
-    )
-    return Plain(headline(machine, answer), tuple(point for point in points if point.lines))
-
-
-def _changes(parameters: list[dict[str, Any]]) -> Lines:
-    """The parameters that make most of the difference, by name: their values are for an identification to find."""
-    names = "; ".join(parameter(each["name"]) for each in parameters)
-    return (sentence(f"Parameters that change most: {names}"),) if parameters else ()
+def _wrong_parameters(answer: dict[str, Any]) -> Lines:
+    """Return the parameters of the model that make most of the difference, with their errors."""
+    first = answer.get("identify_first")
+    if not first or not first["parameters"]:
+        return ()
+    told = [parameter_error(p["name"], p["unit"], p["before"], p["after"]) for p in first["parameters"]]
+    return (sentence(f"in the model, {'; '.join(told)}"),)
 
 
 IDENTIFY_FIRST = (
@@ -105,19 +103,23 @@ UNLIKE = (
     "These recordings do not suffice: they differ from {normal}, but so may a machine in order that moves otherwise "
     "than in {known}"
 )
-REFERENCES = {"normal": "the references", "known": "its references"}
-IDENTIFIED = {"normal": "the identified model", "known": "the recordings of its identification"}
+KNOWN_BY = {  # what a recording is compared with, and where that was recorded
+    "references": {"normal": "the references", "known": "its references"},
+    "simulation": {"normal": "the simulation", "known": "the simulated recordings"},
+    "identification": {"normal": "the identified model", "known": "the recordings of its identification"},
+}
 UNDECIDED = "Something is wrong{there}; which fault it is cannot be said yet{shape}"
 SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault whose size could be told
 
 
 def headline(machine: Machine, answer: dict[str, Any]) -> str:
-    """The verdict in a sentence."""
+    """Return the verdict in a sentence or two."""
     if "gap" not in answer and not answer["effects"]:
         return f"Nothing can be concluded: {answer['reason']}."
     if "identify_first" in answer:
         first = answer["identify_first"]
-        return f"{IDENTIFY_FIRST.format(because=first['because'], share=percent(first['share']))}."
+        identify = f"{IDENTIFY_FIRST.format(because=first['because'], share=percent(first['share']))}."
+        return f"{identify} Then: {_found(machine, answer)}." if answer["effects"] else identify
     told = answer.get("unknown")
     words = {
         "found": _found(machine, answer),
@@ -126,7 +128,7 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
     }
     said = UNDECIDED if _undecided(answer) else HEADLINES[Verdict(answer["verdict"])]
     if answer["verdict"] == Verdict.NOT_OBSERVABLE and not answer["working"]:
-        said = UNLIKE.format(**(REFERENCES if answer.get("calibrated", True) else IDENTIFIED))
+        said = UNLIKE.format(**KNOWN_BY.get(answer.get("compared_with", ""), KNOWN_BY["references"]))
     return f"{said.format(**words)}."
 
 
@@ -159,17 +161,16 @@ def _either(machine: Machine, effect: dict[str, Any]) -> str:
     return " or ".join(fault(machine, e["name"], e["at"]) for e in each)
 
 
-def _sizes(machine: Machine, answer: dict[str, Any], than: str = BEFORE) -> Lines:
-    """How large the causes are; which one, where there are several or the headline names none."""
-    with_names = len(answer["effects"]) > 1 or than == ON_SHEET
-    return tuple(filter(None, (_size(machine, e, with_names, than) for e in answer["effects"])))
+def _sizes(machine: Machine, answer: dict[str, Any]) -> Lines:
+    """Return how large the causes are; each with its name, where there are several."""
+    several, than = len(answer["effects"]) > 1, THAN.get(answer.get("compared_with", ""), BEFORE)
+    return tuple(filter(None, (_size(machine, effect, than, named=several) for effect in answer["effects"])))
 
 
-def _size(machine: Machine, effect: dict[str, Any], with_name: bool, than: str) -> str:
-    """How large one cause is."""
+def _size(machine: Machine, effect: dict[str, Any], than: str, *, named: bool) -> str:
+    """Return how large one cause is."""
     told = ", ".join(filter(None, (amount(machine, effect, than), effect["when"])))
-    name = f"{fault(machine, effect['name'], effect['at'])}: " if with_name else ""
-    name = name.removeprefix("changed ") if than == ON_SHEET else name  # nothing changed: the sheet did not know it
+    name = f"{fault(machine, effect['name'], effect['at'])}: " if named else ""
     return sentence(name + told) if told else ""
 
 
@@ -199,8 +200,6 @@ def _sure(answer: dict[str, Any]) -> Lines:
     if not answer["effects"]:
         return ()
     first = answer["effects"][0]["confidence"]
-    if not answer.get("calibrated", True):
-        return (f"{percent(first)} by the model alone: without references no known cases say how often it is right.",)
     right = min(max(round(10 * first), 1), 9)
     return (f"{percent(first)}: of ten such answers about {right} are right.",)
 
@@ -215,7 +214,7 @@ def _others(machine: Machine, answer: dict[str, Any]) -> Lines:
     if "probabilities" not in answer:
         return ()
     named = {(e["name"], e["at"]) for e in answer["effects"]}
-    own = {Verdict.NO_GAP: NOTHING, Verdict.UNKNOWN: UNKNOWN}.get(Verdict(answer["verdict"]))
+    own = {Verdict.NO_GAP: NO_GAP, Verdict.UNKNOWN: UNKNOWN}.get(Verdict(answer["verdict"]))
     known = _probable(answer["probabilities"])
     keys = [(m["name"], m["at"]) for m in answer["set"]]
     others = [key for key in keys if key not in named and key != own and known.get(key, 0.0) >= LEAST]
@@ -225,11 +224,11 @@ def _others(machine: Machine, answer: dict[str, Any]) -> Lines:
 
 def _probable(known: dict[str, Any]) -> dict[tuple[str, str], float]:
     found = {(e["name"], e["at"]): e["probability"] for e in known["effects"]}
-    return {**found, NOTHING: known["no_gap"], UNKNOWN: known["unknown"]}
+    return {**found, NO_GAP: known["no_gap"], UNKNOWN: known["unknown"]}
 
 
 def _harm(answer: dict[str, Any]) -> Lines:
-    """What it does to weight and force."""
+    """Return what it does to weight and force."""
     ends = answer.get("end_quantities")
     if ends is None or answer["verdict"] in SILENT:
         return ()

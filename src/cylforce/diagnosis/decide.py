@@ -1,0 +1,301 @@
+"""From hypotheses with their evidence to probabilities, and from probabilities to the answer that costs least."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from cylforce.diagnosis.constants import (
+    CORRELATED_ROWS,
+    COSTS,
+    CREDIBLE,
+    FEW_BLOCKS,
+    HALF,
+    HEALTHY,
+    LAW_ERROR,
+    SAME_EVIDENCE,
+    SAME_MACHINE,
+    SECOND_EFFECT,
+    UNKNOWN_EFFECT,
+)
+from cylforce.diagnosis.likelihood import effective_share
+from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
+
+SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
+
+
+class Verdict(StrEnum):
+    """What is concluded."""
+
+    NO_GAP = "no_gap"
+    EXPLAINED = "explained"
+    PARTLY = "partly_explained"
+    AMBIGUOUS = "ambiguous"
+    UNKNOWN = "unknown"
+    NOT_OBSERVABLE = "not_observable"
+
+
+@dataclass(frozen=True)
+class HypothesisEvidence:
+    """The hypotheses that compete, some of them withdrawn.
+
+    found:     everything that the search found
+    withdrawn: causes that their simulation refutes, or that are the same answer as another one
+    sure:      whether a healthy machine is excluded: the gap is larger than any healthy machine's
+    """
+
+    found: Found
+    withdrawn: frozenset[Key] = frozenset()
+    sure: bool = False
+
+    @cached_property
+    def candidates(self) -> list[Candidate]:
+        """Hypotheses of effects that last."""
+        return [c for c in self.found.candidates if not c.keys & self.withdrawn]
+
+    @cached_property
+    def incidents(self) -> list[BlockIncident | Spill]:
+        """What happens in single blocks alone."""
+        return [i for i in self.found.incidents if i.key not in self.withdrawn]
+
+    @cached_property
+    def _best(self) -> dict[frozenset[Key], float]:
+        found: dict[frozenset[Key], float] = {}
+        for c in self.candidates:
+            found[c.keys] = max(c.log, found.get(c.keys, -np.inf))
+        return found
+
+    def without(self, c: Candidate, key: Key) -> float:
+        """Return the log of what the other effects of a hypothesis, or some of them, explain at best."""
+        others = c.keys - {key}
+        return max(log for some, log in self._best.items() if some <= others)
+
+    def main(self, c: Candidate) -> Key:
+        """Return the effect of a hypothesis without which most is lost."""
+        return min(c.keys, key=lambda k: (self.without(c, k), k))
+
+    # Prior
+
+    @cached_property
+    def names(self) -> int:
+        """Number of the names of effects that compete."""
+        names = {f.name for f in self.found.question.forms} | {i.key[0] for i in self.found.incidents}
+        return len(names - {UNKNOWN[0]})
+
+    @cached_property
+    def _prior(self) -> dict[Key, float]:
+        """Log prior of each form by name and place: alike for all names, and for all places and forms of a name."""
+        forms, found = self.found.question.forms, dict[Key, float]()
+        for form in forms:
+            places = len({f.at for f in forms if f.name == form.name})
+            shapes = sum(f.key == form.key for f in forms)
+            whole = UNKNOWN_EFFECT if form.name == UNKNOWN[0] else (1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names
+            found[form.key] = float(np.log(whole / places / shapes))
+        return found
+
+    def prior_of(self, c: Candidate) -> float:
+        """Return the log prior probability of a hypothesis."""
+        if not c.hypothesis.forms:
+            return self._log_prior_of_name if self.only_contact(c) else float(np.log(HEALTHY))
+        more = len(c.hypothesis.forms) - 1 + (c.beside_contact and self.found.work is None)
+        own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
+        return own + more * float(np.log(SECOND_EFFECT))
+
+    @property
+    def _log_prior_of_name(self) -> float:
+        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
+
+    def only_contact(self, c: Candidate) -> bool:
+        """Return whether a hypothesis is contact in some rows, and no effect."""
+        return not c.hypothesis.forms and c.beside_contact and self.found.work is None
+
+    def _key_without_effect(self, c: Candidate) -> Key:
+        """Return what a hypothesis without effects stands for: a healthy machine, or one that touches the ground."""
+        contact = next((i.key for i in self.incidents if i.key[0] == CONTACT), None)
+        if not self.only_contact(c) or self.gap**2 - 1.0 <= SAME_MACHINE:
+            return NO_GAP
+        return contact or UNKNOWN
+
+    def prior_of_incident(self, i: BlockIncident | Spill) -> float:
+        """Return the log prior probability of something that happens in single blocks."""
+        if i.key == UNKNOWN:
+            return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
+        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
+
+    # Posterior
+
+    @cached_property
+    def gap(self) -> float:
+        """Gap at the worst joint before any effect, in noise floors."""
+        return float(np.max(self.found.gaps))
+
+    def explained(self, rest: float) -> float:
+        """Return the share of the gap's energy beyond the floor that goes; 1 where only a healthy residual remains."""
+        gap, left = self.gap**2 - 1.0, rest**2 - 1.0
+        return 1.0 - left / gap if min(gap, left) > SAME_MACHINE else 1.0
+
+    @cached_property
+    def strength(self) -> float:
+        """Factor that tempers all evidence, by the residual of the likeliest hypothesis.
+
+        Beside unknown loads and contact all evidence counts as model error: references do not show that kind of motion.
+        """
+        if self.found.work is not None:
+            return 1.0 / CORRELATED_ROWS
+        each = [(c.log + self.prior_of(c), c.rest) for c in self.candidates]
+        each += [(i.log + self.prior_of_incident(i), i.rest) for i in self.incidents]
+        return effective_share(max(each)[1])
+
+    @cached_property
+    def weights(self) -> tuple[list[float], list[float]]:
+        """Posterior weights of the candidates and of the incidents; the largest is 1."""
+        none = self.found.healthy.log
+        logs = [self.strength * (c.log - none) + self.prior_of(c) for c in self.candidates]
+        logs += [self.strength * (i.log - none) + self.prior_of_incident(i) for i in self.incidents]
+        weights = np.exp(np.array(logs) - np.max(logs)).tolist()
+        return weights[: len(self.candidates)], weights[len(self.candidates) :]
+
+    def lawful(self, c: Candidate) -> float:
+        """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law."""
+        usual = c.hypothesis.noise.probability_usual(self.found.case.machine.noise)
+        gap = self.gap**2 - 1.0
+        if not c.hypothesis.forms or gap <= 0.0:
+            return usual
+        return usual + (1.0 - usual) * float(np.exp(-0.5 * max(c.rest**2 - 1.0, 0.0) / gap / LAW_ERROR**2))
+
+    @cached_property
+    def posterior(self) -> dict[Key, float]:
+        """Probability of no gap, of every effect at its place, and of a cause that the library lacks.
+
+        A hypothesis counts as unknown as far as its residual is neither a healthy one nor the error of its law, and
+        where it explains less than half of the gap.
+        """
+        found: dict[Key, float] = {NO_GAP: 0.0, UNKNOWN: 0.0}
+        for c, weight in zip(self.candidates, self.weights[0], strict=True):
+            lawful = self.lawful(c) * float(not c.hypothesis.forms or self.explained(c.rest) >= HALF)
+            key = self.main(c) if c.hypothesis.forms else self._key_without_effect(c)
+            found[key] = found.get(key, 0.0) + weight * lawful
+            found[UNKNOWN] += weight * (1.0 - lawful)
+        for i, weight in zip(self.incidents, self.weights[1], strict=True):
+            key = self.key_of(i)
+            found[key] = found.get(key, 0.0) + weight
+        if self.sure:
+            found[NO_GAP] = 0.0
+        whole = sum(found.values())
+        return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
+
+    def key_of(self, i: BlockIncident | Spill) -> Key:
+        """Return what an incident stands for.
+
+        Transients whose removal does not change the residual beyond that of a healthy machine are no gap. Contact in
+        most blocks is work, and no effect of its own.
+        """
+        if i.before**2 - 1.0 <= SAME_MACHINE:
+            return NO_GAP
+        working = i.key[0] == CONTACT and i.share > FEW_BLOCKS
+        return i.key if not working and self.explained(i.rest) >= HALF else UNKNOWN
+
+    @property
+    def first(self) -> Key:
+        """The likeliest answer."""
+        return max(self.posterior, key=lambda k: self.posterior[k])
+
+    @property
+    def credible(self) -> tuple[Key, ...]:
+        """The smallest set with CREDIBLE of the probability, the likeliest first."""
+        found, mass = list[Key](), 0.0
+        for key, p in sorted(self.posterior.items(), key=lambda item: -item[1]):
+            found.append(key)
+            mass += p
+            if mass >= CREDIBLE:
+                break
+        return tuple(found)
+
+    @cached_property
+    def alone(self) -> Mapping[Key, float]:
+        """Log of the most probable form of every effect by itself."""
+        found: dict[Key, float] = {}
+        for c in self.candidates:
+            if len(c.hypothesis.forms) == 1 and c.incident is None:
+                key = c.key(c.hypothesis.forms[0])
+                found[key] = max(found.get(key, -np.inf), c.log)
+        for i in self.incidents:
+            found[i.key] = max(found.get(i.key, -np.inf), i.log)
+        return found
+
+    def best_of(self, key: Key) -> Candidate | None:
+        """Return the most probable hypothesis whose main effect this is."""
+        own = [c for c in self.candidates if c.hypothesis.forms and self.main(c) == key]
+        return max(own, key=lambda c: c.log + self.prior_of(c)) if own else None
+
+
+def costs(evidence: HypothesisEvidence, key: Key | None) -> dict[Verdict, float]:
+    """Return the expected cost of every answer that names a cause or none, in units of a wrong name.
+
+    key: the cause that would be named; None if there is none
+    """
+    posterior = evidence.posterior
+    none, odd = posterior.get(NO_GAP, 0.0), posterior.get(UNKNOWN, 0.0)
+    effect, first = 1.0 - none - odd, posterior.get(key, 0.0) if key else 0.0
+    found = {Verdict.NO_GAP: COSTS["missed"] * (effect + odd), Verdict.UNKNOWN: COSTS["unsaid"] * effect + none}
+    rivals = [posterior[k] for k in evidence.credible if k not in (key, UNKNOWN, NO_GAP)]
+    if 0.0 < first < SURE:
+        held = first + sum(rivals)
+        checks = first + sum(k * p for k, p in enumerate(rivals, 1))
+        found[Verdict.AMBIGUOUS] = none + COSTS["rival"] * checks + COSTS["wrong_set"] * max(1.0 - none - held, 0.0)
+    if first >= SURE:
+        found[Verdict.EXPLAINED] = 1.0 - first
+    return found
+
+
+def parameters_are_likelier(known: HypothesisEvidence, free: HypothesisEvidence) -> bool:
+    """Return whether other parameters than the references' are the likeliest explanation.
+
+    They compete as one more name with all hypotheses. Their prior is the data sheet's, so that many free parameters
+    cost evidence: one effect that does the same is likelier.
+    known: hypotheses with the parameters as the references show them
+    free:  hypotheses with the parameters as uncertain as the data sheet leaves them
+    """
+    strength = min(known.strength, free.strength)
+    name = float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / known.names))  # of other parameters
+    more = float(np.log(SECOND_EFFECT))  # of an effect beside them
+    as_known = [strength * c.log + known.prior_of(c) for c in known.candidates]
+    as_known += [strength * i.log + known.prior_of_incident(i) for i in known.incidents]
+    fitted = [strength * c.log + (free.prior_of(c) + more if c.hypothesis.forms else 0.0) for c in free.candidates]
+    fitted += [strength * i.log + free.prior_of_incident(i) + more for i in free.incidents]
+    return name + max(fitted) > max(as_known)
+
+
+def first_effect(evidence: HypothesisEvidence) -> Key | None:
+    """Return the likeliest effect; None if every one is excluded."""
+    effects = [k for k, p in evidence.posterior.items() if k not in (NO_GAP, UNKNOWN) and p > 0.0]
+    return max(effects, key=lambda k: evidence.posterior[k]) if effects else None
+
+
+SAME_CHANGE = ("extra_mass", "first_moment_change")  # an added mass moves its link's centre of gravity
+
+
+def one_answer(evidence: HypothesisEvidence) -> tuple[HypothesisEvidence, dict[Key, Key]]:
+    """Return the evidence with a mass and a first moment of one link as one answer, and the other name of each cause.
+
+    Where their evidence differs by less than SAME_EVIDENCE, the more probable one stays. Both stay where the likeliest
+    hypothesis has both.
+    """
+    same: dict[Key, Key] = {}
+    for at in sorted({at for _, at in evidence.alone}):
+        both = [(name, at) for name in SAME_CHANGE]
+        if not all(key in evidence.alone for key in both):
+            continue
+        logs = [evidence.alone[key] for key in both]
+        if abs(logs[0] - logs[1]) >= SAME_EVIDENCE:
+            continue
+        own = [c for c in evidence.candidates if c.keys & set(both)]
+        likeliest = max(own, key=lambda c: c.log + evidence.prior_of(c), default=None)
+        lacking = [key for key in both if likeliest is not None and key not in likeliest.keys]
+        if lacking:
+            kept = next(key for key in both if key != lacking[0])
+            evidence = HypothesisEvidence(evidence.found, evidence.withdrawn | {lacking[0]}, evidence.sure)
+            same[kept] = lacking[0]
+    return evidence, same

@@ -1,0 +1,806 @@
+"""Explanation of an answer: causes switched on in the simulated machine, how far the gap closes, where it lies, what
+shape an unexplained residual has, what a refit of the parameters removes.
+
+Nothing here overwrites a decision. What the simulation of a cause contradicts is evidence for `decide`: the cause is
+withdrawn, and Bayes' rule holds among the others."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.polynomial.legendre import legvander
+from numpy.typing import NDArray
+from scipy import stats
+
+from cylforce.diagnosis.constants import (
+    BLOCK_ROWS,
+    CREDIBLE,
+    DETECTABLE,
+    HALF,
+    LEAST_CLOSURE,
+    SAME_MACHINE,
+)
+from cylforce.diagnosis.decide import HypothesisEvidence
+from cylforce.diagnosis.model import (
+    CENTRE,
+    FOLDS,
+    GROWTH_S,
+    REGIMES,
+    HealthyMachine,
+    mean_squares,
+    regime,
+)
+from cylforce.diagnosis.regressors import LOAD_CENTRE, courses
+from cylforce.diagnosis.search import BlockIncident, Candidate, FieldQuestion, Found, Key, Spill
+from cylforce.diagnosis.statistics import Mask, rms
+from cylforce.effects.fault import BEYOND, INCIDENTAL, SHAPES, Place, TimeCourse
+from cylforce.effects.imposed import imposed
+from cylforce.effects.library import Group, Proposal
+from cylforce.effects.loads.carried import RAMP
+from cylforce.estimation.model import Model
+from cylforce.signals.estimate import Array
+from cylforce.signals.units import BAR
+
+INTERVAL = 1.6449  # standard errors of a 90 % interval
+SPAN = 5  # blocks that are held out and drawn together: fifteen seconds
+DRAWS = 400  # of the bootstrap of a closure
+SMALL_GAP = 0.1  # of the floor's energy: a smaller gap has no meaningful share
+WIDEST = 0.2  # width of an interval of the closure beyond which no share is given
+UNSEEN_SPREAD = (0.03, 0.01)  # by which that interval is wider than drawn blocks show (fit: tools/withheld_trial)
+FALSE_DISCOVERIES = 0.05  # share among the places that are reported
+ENERGY_MARGIN = 2.0  # factor on the energy by which a healthy machine may differ from itself in a regime
+FEWEST_ROWS = 20  # of a regime in a span
+PARTS = 8  # of a block, within which an incident counts as constant
+
+
+# Causes
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that was found, as it may be named.
+
+    key:         name and place
+    proposal:    the effect
+    question:    the recordings, corrected for it
+    form:        number of its form; None of an incident
+    sizes:       (W, M) sizes [SI], one row of each window of an incident
+    errors:      (W, M) standard errors
+    course:      (W, B) its course over the blocks; NaN in the block in which a load changes
+    probability: of this cause
+    nats:        evidence against its absence
+    when:        its time in words; empty of what lasts
+    """
+
+    key: Key
+    proposal: Proposal
+    question: FieldQuestion
+    form: int | None
+    sizes: Array
+    errors: Array
+    course: Array
+    probability: float
+    nats: float
+    when: str = ""
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it has the same sizes as long as it is present."""
+        return self.form is not None
+
+    @property
+    def interval(self) -> tuple[float, float, float]:
+        """Magnitude and the bounds of its 90 % interval; over windows the root mean square."""
+        about = self.proposal.about
+        each = self.sizes[:, : about.axes]
+        if about.axes == 1 and len(self.sizes) == 1:
+            value = float(each[0, 0])
+        else:
+            sign = np.sign(each[0, 0]) if each.size == 1 else about.sign or 1
+            value = float(sign * np.sqrt(np.mean(np.sum(each**2, axis=1))))
+        error = float(np.sqrt(np.mean(self.errors[:, : about.axes] ** 2)))
+        return value, value - INTERVAL * error, value + INTERVAL * error
+
+
+def causes_of(evidence: HypothesisEvidence, candidate: Candidate) -> list[Cause]:
+    """Return the effects of a hypothesis, the main one first."""
+    question, h, found, k = candidate.question, candidate.hypothesis, [], 0
+    main = evidence.main(candidate)
+    for p in h.forms:
+        form = question.forms[p]
+        m = len(form.columns)
+        unit = question.unit_of(p)
+        sizes, errors = form.bounded(h.sizes[k : k + m] * unit), h.errors[k : k + m] * unit
+        k += m
+        key = candidate.key(p)
+        probability = evidence.posterior.get(key, 0.0) if key == main else _included(evidence, key)
+        nats = h.log - evidence.without(candidate, key)
+        errors = np.hypot(errors, form.law_error * np.abs(sizes))
+        found.append(_cause(question, key, p, (sizes, errors), probability, nats))
+    return sorted(found, key=lambda c: c.key != main)
+
+
+def _included(evidence: HypothesisEvidence, key: Key) -> float:
+    """Return the probability that an effect is present, alone or beside others."""
+    weights, others = evidence.weights
+    each = zip(evidence.candidates, weights, strict=True)
+    return sum(w for c, w in each if key in c.keys) / (sum(weights) + sum(others))
+
+
+def _cause(
+    question: FieldQuestion, key: Key, form: int, sizes: tuple[Array, Array], probability: float, nats: float
+) -> Cause:
+    proposal, count = question.proposals[form], len(question.times)
+    course, rows, when = np.ones((1, count)), 1, ""
+    if proposal.course is TimeCourse.CLOCK:
+        course, rows = np.stack([course[0], question.times / GROWTH_S]), 2
+    elif proposal.course is TimeCourse.AFTER and question.step:
+        number = np.arange(count)
+        first, last = question.step.first, question.step.last
+        course = np.where(number == first, np.nan, (number > first) & (number < last))[None]
+        when = f"from {question.times[first]:.0f} s on"
+    value, error = (x.reshape(rows, -1) for x in sizes)
+    return Cause(key, proposal, question, form, value, error, course, probability, nats, when)
+
+
+def cause_of_incident(evidence: HypothesisEvidence, incident: BlockIncident | Spill) -> Cause:
+    """Return something that happens in single blocks, with sizes of its own in each."""
+    if isinstance(incident, Spill):
+        probability = evidence.posterior.get(incident.key, 0.0)
+        nats, when = incident.log - evidence.found.healthy.log, f"{len(incident.sizes)} times"
+        sizes, errors = incident.sizes, incident.errors
+        own = evidence.found.question
+        return Cause(
+            incident.key, incident.proposal, own, None, sizes, errors, incident.course, probability, nats, when
+        )
+    question, case = evidence.found.question, evidence.found.case
+    held = replace(case, nuisance=incident.nuisance)
+    h = held.hypothesis((), case.machine.noise)
+    residual = held.under((), held.state(h.noise))[2]
+    sizes, covariance = incident.nuisance.expected(residual, h.noise)
+    where, layout = incident.sizes > 0.0, question.machine.layout
+    columns = [k - layout.size for k in layout.places[layout.proposals.index(incident.proposal)]]
+    unit = incident.sizes[:, None] * layout.typical[columns]
+    errors = np.sqrt(np.einsum("bii->bi", covariance)) * unit
+    return Cause(
+        incident.key,
+        incident.proposal,
+        question,
+        None,
+        (sizes * unit)[where],
+        errors[where],
+        np.eye(len(where))[where],
+        evidence.posterior.get(incident.key, 0.0),
+        incident.log - evidence.found.healthy.log,
+        f"{np.count_nonzero(where)} times",
+    )
+
+
+def objection_to_magnitude(cause: Cause) -> str:
+    """Return what the magnitude of a cause says against it, in a sentence; empty if nothing does.
+
+    A magnitude at its bound stands for something else; an interval that contains zero for nothing.
+    """
+    name = "{}@{}".format(*cause.key)
+    if cause.form is not None:
+        form = cause.question.forms[cause.form]
+        magnitude = float(np.linalg.norm(cause.sizes.ravel()[: form.components]))
+        if magnitude >= BEYOND * form.high * (1.0 - 1e-6):
+            bound = "its magnitude is at the largest plausible one, so that it stands for something else"
+            return f"{name}: {bound}: not named"
+    _, low, high = cause.interval
+    return f"{name}: the 90 % interval of its magnitude contains zero: not named" if low <= 0.0 <= high else ""
+
+
+# Causes simulated
+
+
+def blocks_of(question: FieldQuestion, causes: Sequence[Cause]) -> list[dict[str, Any]]:
+    """Return causes as blocks `[[effects]]` for the simulated machine; clocks last, because they shift all readings."""
+    machine, groups = (
+        question.machine.regressors.model.machine,
+        tuple(p.group for p in question.machine.layout.proposals),
+    )
+    found = []
+    for cause in sorted(causes, key=lambda c: c.proposal.clock):
+        for block in _blocks_of(question, cause):
+            try:
+                _read(machine, block, groups)
+            except ValueError:  # a size that is uncertain may come out implausible, or of the wrong sign
+                continue
+            found.append(block)
+    return found
+
+
+def _read(machine: Any, block: dict[str, Any], groups: tuple[Group, ...]) -> Any:  # noqa: ANN401 - see `imposed`
+    begin, end = block.get("from_s", 0.0), block.get("until_s", np.inf)
+    words = (machine, block["name"], block["at"], block["value"])
+    return imposed(*words, shape=block.get("shape"), begin=begin, end=end, library=groups)
+
+
+def _blocks_of(question: FieldQuestion, cause: Cause) -> Iterator[dict[str, Any]]:
+    plain: dict[str, Any] = {"name": cause.proposal.name, "at": cause.proposal.at}
+    plain |= {"shape": cause.proposal.shape} if cause.proposal.shape else {}
+    course = cause.proposal.course
+    if course is TimeCourse.WINDOWS:
+        for sizes, block in zip(cause.sizes, np.argmax(cause.course, axis=1).tolist(), strict=True):
+            yield from (plain | part for part in _window(question, cause, sizes, block))
+    elif course is TimeCourse.CLOCK:
+        yield plain | {"value": [float(cause.sizes[0, 0]), float(cause.sizes[1, 0]) / GROWTH_S]}
+    elif course is TimeCourse.AFTER:
+        for sizes, there in zip(cause.sizes, cause.course > 0.0, strict=True):
+            if np.any(there):
+                yield plain | {"value": sizes.tolist()} | _span(question, there)
+    else:
+        yield plain | {"value": cause.sizes.ravel().tolist()}
+
+
+def _window(question: FieldQuestion, cause: Cause, sizes: Array, block: int) -> Iterator[dict[str, Any]]:
+    """Yield the course of a block in parts; a force at the teeth fades while the next one takes over."""
+    regressors = question.machine.regressors
+    length = BLOCK_ROWS / regressors.rows_hz
+    start = float(question.times[block]) - length / 2.0 - regressors.lag
+    over = RAMP / 2.0 if cause.proposal.about.place is Place.TOOL else 0.0
+    within = courses((np.arange(PARTS) + 0.5) / PARTS)
+    for k, part in enumerate(within.T @ sizes.reshape(SHAPES, -1)):
+        if cause.proposal.about.sign * part[0] < 0.0:  # a polynomial swings about nothing
+            continue
+        begin, end = start + np.array([k, k + 1]) * length / PARTS
+        yield {"value": part.tolist(), "from_s": max(float(begin) - over, 0.0), "until_s": float(end) + over}
+
+
+def _span(question: FieldQuestion, there: Mask) -> dict[str, float]:
+    """Return from when until when [s] a load is another one; it begins where the first block's residual says so."""
+    regressors, half = question.machine.regressors, BLOCK_ROWS / question.machine.regressors.rows_hz / 2.0
+    numbers = np.flatnonzero(there)
+    t = question.times[numbers]
+    return {"from_s": max(float(t[0]) - half - regressors.lag, 0.0), "until_s": float(t[-1]) + half}
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A gap before and after causes are switched on in the simulated machine.
+
+    before, after: residuals (T, R) [N m] of every recording; each span with magnitudes fitted without it
+    closure:       share of the gap's energy that goes; NaN where the gap is too small for a share
+    low, high:     its 90 % interval
+    """
+
+    before: list[Array]
+    after: list[Array]
+    closure: float
+    low: float
+    high: float
+
+    @property
+    def removed(self) -> float:
+        """Torque [N m, rms] that the causes remove."""
+        squares = [float(np.nanmean(np.concatenate(e) ** 2)) for e in (self.before, self.after)]
+        return float(np.sqrt(max(squares[0] - squares[1], 0.0)))
+
+    @property
+    def share(self) -> tuple[float, float, float]:
+        """Closure with its interval; NaN where that says nothing."""
+        return (self.closure, self.low, self.high) if self.high - self.low <= WIDEST else (np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Switches causes of one hypothesis on, along the recordings of a question.
+
+    question:  the recordings as they are
+    candidate: the hypothesis, with the recordings corrected for its effects; None of incidents
+    """
+
+    question: FieldQuestion
+    candidate: Candidate | None
+
+    def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
+        """Return the gap before and after causes; sizes of incidents are those of their own blocks."""
+        before = self._residuals((), None)
+        if self.candidate is not None and self.candidate.beside_contact:
+            rows = self.candidate.counted()
+            before = [np.where(own[:, None], e, np.nan) for own, e in zip(rows, before, strict=True)]
+        if not causes:
+            after = before
+        elif any(not c.lasts for c in causes) or self.candidate is None:
+            after = self._residuals(causes, None)
+        else:
+            fold = (np.arange(len(self.question.times)) // SPAN) % FOLDS
+            after = self._residuals(causes, fold != 0)
+            for k in range(1, FOLDS):
+                other = self._residuals(causes, fold != k)
+                after = [
+                    self._chosen(a, b, fold == k, span)
+                    for a, b, span in zip(after, other, self.question.spans, strict=True)
+                ]
+        after = [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, after, strict=True)]
+        machine = self.question.machine
+        value, (low, high) = closure(
+            np.concatenate([mean_squares(e) for e in before]),
+            np.concatenate([mean_squares(e) for e in after]),
+            machine,
+            rng,
+        )
+        return Simulated(before, after, value, low, high)
+
+    @staticmethod
+    def _chosen(one: Array, other: Array, second: Mask, span: tuple[int, int]) -> Array:
+        on = np.repeat(second[slice(*span)], BLOCK_ROWS)[: len(one)]
+        return np.where(on[:, None], other, one)
+
+    def _residuals(self, causes: Sequence[Cause], kept: Mask | None) -> list[Array]:
+        """Return residuals (T, R) with causes of the magnitudes that some blocks (B,) determine."""
+        if not causes:
+            return self.question.residuals()
+        sized, coefficients = self._fitted(causes, kept)
+        effects = [
+            _read(
+                self.question.machine.regressors.model.machine,
+                block,
+                tuple(p.group for p in self.question.machine.layout.proposals),
+            )
+            for block in blocks_of(self.question, sized)
+        ]
+        seen = []
+        for each in self.question.seen:
+            load = self._load(each.recording.name, each.recording.load_kg, coefficients)
+            try:
+                rows = self.question.machine.regressors.simulated(each.recording, each.rows, effects, load)
+            except ValueError:  # more load falls out than there is: what cannot be explains nothing
+                rows = each.rows
+            seen.append(replace(each, rows=rows))
+        return replace(self.question, seen=tuple(seen)).residuals(coefficients)
+
+    def _load(self, name: str, load_kg: float, coefficients: Array) -> Array:
+        found = np.array([load_kg, 0.0, 0.0, 0.0])
+        if load_kg:
+            at = self.question.machine.layout.size + CENTRE * self.question.loaded.index(name)
+            found[1:] = -coefficients[at : at + CENTRE] * LOAD_CENTRE
+        return found
+
+    def _fitted(self, causes: Sequence[Cause], kept: Mask | None) -> tuple[list[Cause], Array]:
+        """Return causes with magnitudes of some blocks, and the coefficients (K'+1,) of the residual beside them."""
+        layout = self.question.machine.layout
+        if self.candidate is None or any(not c.lasts for c in causes):
+            return list(causes), self.question.plain
+        other, whole = self.candidate.question, self.candidate.hypothesis
+        forms = tuple(c.form for c in causes if c.form is not None)
+        fits = []
+        for mask in (None, kept):
+            case = other.likelihood(mask)
+            if self.candidate.incident is not None:
+                case = replace(case, nuisance=self._nuisance(mask))
+            _, fitted, residual = case.under(forms, case.state(whole.noise))
+            fits.append((fitted, residual))
+        (first, _), (now, residual) = fits
+        sized, more, k = [], np.zeros(other.size + (len(other.refined.unit) if other.refined else 0)), 0
+        for cause in causes:
+            form = other.forms[cause.form or 0]
+            m, unit = len(form.columns), other.unit_of(cause.form or 0)
+            change = form.bounded(now.sizes[k : k + m] * unit) - form.bounded(first.sizes[k : k + m] * unit)
+            sizes = form.bounded(cause.sizes.ravel() + change).reshape(cause.sizes.shape)
+            more[list(form.columns)] = now.more[k : k + m]
+            sized.append(replace(cause, sizes=sizes))
+            k += m
+        coefficients = other.beside(more[: other.size])
+        if self.question.free or self.question.machine.references == 0:
+            # Parameters that are free, or known as well as they were identified, give way to effects.
+            coefficients = coefficients.copy()
+            coefficients[: layout.first] = residual[: layout.first]
+        return sized, coefficients
+
+    def _nuisance(self, mask: Mask | None) -> Any:  # noqa: ANN401 - a nuisance
+        nuisance = self.candidate.incident.nuisance if self.candidate and self.candidate.incident else None
+        if nuisance is None or mask is None:
+            return nuisance
+        return type(nuisance)(nuisance.across[mask], nuisance.within[mask], nuisance.waves[mask], nuisance.smooth[mask])
+
+
+def closure(
+    before: Array, after: Array, machine: HealthyMachine, rng: np.random.Generator
+) -> tuple[float, tuple[float, float]]:
+    """Return 1 - (MSE after - floor) / (MSE before - floor), joints weighted by their floor, and its 90 % interval.
+
+    Spans of blocks (B, R) are drawn anew. The floor lies between what the fit leaves of the references and what it
+    leaves of them unseen: its draws are mixtures. NaN where the gap is below SMALL_GAP of the floor's energy.
+    """
+    unit = np.nanmean(machine.floor_unseen, axis=0)
+    a, b, seen, unseen = (_in_spans(x / unit) for x in (before, after, machine.floor_seen, machine.floor_unseen))
+    kept = np.all([np.any(np.isfinite(x), axis=1) for x in (a, b)], axis=0)
+    a, b = (np.nanmean(x[kept], axis=1) for x in (a, b))
+    seen, unseen = (np.nanmean(x[np.any(np.isfinite(x), axis=1)], axis=1) for x in (seen, unseen))
+    middle = float(np.mean(seen) + np.mean(unseen)) / 2.0
+    if not len(a) or float(np.mean(a)) - middle < SMALL_GAP * middle:
+        return float("nan"), (float("nan"), float("nan"))
+    each = []
+    for _ in range(DRAWS):
+        k, m, n = (rng.integers(0, len(x), len(x)) for x in (a, seen, unseen))
+        mixed = rng.uniform()
+        each.append(_share(a[k], b[k], mixed * float(np.mean(seen[m])) + (1.0 - mixed) * float(np.mean(unseen[n]))))
+    low, high = np.quantile(each, [(1.0 - CREDIBLE) / 2.0, (1.0 + CREDIBLE) / 2.0])
+    return _share(a, b, middle), (float(low) - UNSEEN_SPREAD[0], min(float(high) + UNSEEN_SPREAD[1], 1.0))
+
+
+def _share(before: Array, after: Array, floor: float) -> float:
+    excess = float(np.mean(before)) - floor
+    return min(1.0 - (float(np.mean(after)) - floor) / excess, 1.0) if excess > 0.0 else 0.0
+
+
+def _in_spans(squares: Array) -> Array:
+    count = -(-len(squares) // SPAN)
+    padded = np.full((count * SPAN, squares.shape[1]), np.nan)
+    padded[: len(squares)] = squares
+    return padded.reshape(count, SPAN * squares.shape[1])
+
+
+def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], found: Simulated) -> str:
+    """Return what the simulation of causes says against them, in a sentence; empty if nothing does.
+
+    A cause must remove LEAST_CLOSURE of the gap, and may leave no joint and no weight worse than two recordings of a
+    healthy machine differ.
+    """
+    names = " and ".join("{}@{}".format(*cause.key) for cause in causes)
+    closed = found.high if all(c.lasts for c in causes) else found.closure
+    if not closed >= LEAST_CLOSURE:  # NaN is no closure
+        return f"simulated with {names}, the machine hardly comes nearer to the recordings: not named"
+    floor, machine = question.machine.floor.rms, question.machine.regressors.model.machine
+    worse = rms(found.after) ** 2 - rms(found.before) ** 2 > SAME_MACHINE * floor**2
+    if np.any(worse):
+        joint = machine.links[machine.rows[int(np.argmax(worse))]].name
+        return f"simulated with {names}, the {joint} differs more from the recordings than before: not named"
+    unit = _weight_of_floor(question)
+    before, after = (weight_error(question, e) / unit for e in (found.before, found.after))
+    if after**2 - before**2 > SAME_MACHINE:
+        return f"simulated with {names}, weights are more wrong than before: not named"
+    return ""
+
+
+def _weight_of_floor(question: FieldQuestion) -> float:
+    """Return the weight [kg] whose torque along the recordings is the noise floor (mean square of joints)."""
+    mass = INCIDENTAL.index("load.mass")
+    torque = rms([np.where(np.isfinite(s.rows.residual), s.rows.incidental[..., mass], np.nan) for s in question.seen])
+    return float(1.0 / np.sqrt(np.mean((torque / question.machine.floor.rms) ** 2)))
+
+
+def weight_error(question: FieldQuestion, residuals: Sequence[Array]) -> float:
+    """Return the error of a weight [kg], rms over the recordings, that residuals (T, R) [N m] make."""
+    names = ("load.mass", "load.X", "load.Z", "load.J")
+    pairs = [(s, e) for s, e in zip(question.seen, residuals, strict=True) if np.any(np.isfinite(e))]
+    each = [_incident_fit(question, s.rows.incidental, e, names)[0] for s, e in pairs] or [0.0]
+    return float(np.sqrt(np.mean(np.square(each))))
+
+
+def force_error(question: FieldQuestion, residuals: Sequence[Array]) -> float:
+    """Return the steady force at the teeth [N] that residuals (T, R) [N m] look like, rms over blocks."""
+    each = []
+    for s, e in zip(question.seen, residuals, strict=True):
+        for k in range(0, len(e), BLOCK_ROWS):
+            part = slice(k, k + BLOCK_ROWS)
+            if np.any(np.isfinite(e[part])):
+                each.append(_incident_fit(question, s.rows.incidental[part], e[part], ("tip.x.0", "tip.z.0")))
+    return float(np.sqrt(np.mean(np.sum(np.square(each), axis=1)))) if each else 0.0
+
+
+def _incident_fit(
+    question: FieldQuestion, incidental: NDArray[np.float32], residual: Array, names: Sequence[str]
+) -> Array:
+    """Return sizes (I,) of incidental columns by least squares of a residual (T, R), joints weighted by their floor."""
+    columns, good = [INCIDENTAL.index(name) for name in names], np.isfinite(residual)
+    unit, floor = question.machine.layout.typical[columns], question.machine.floor.rms
+    x = (incidental[..., columns] * unit / floor[:, None])[good]
+    y = (residual / floor)[good]
+    return np.asarray(np.linalg.solve(x.T @ x + np.eye(len(unit)), x.T @ y) * unit)
+
+
+# Where
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A joint in a regime.
+
+    joint:    name of the link
+    regime:   which rows
+    residual: rms there [N m]
+    healthy:  rms of a healthy machine there [N m]
+    share:    of the joint's excess energy
+    p:        probability that a healthy machine leaves as much, of twice its energy
+    found:    whether it is a discovery at a false discovery rate of 5 %
+    """
+
+    joint: str
+    regime: str
+    residual: float
+    healthy: float
+    share: float
+    p: float
+    found: bool
+
+    @property
+    def floors(self) -> float:
+        """Residual in noise floors."""
+        return self.residual / max(self.healthy, 1e-9)
+
+
+def where(question: FieldQuestion, residuals: Sequence[Array]) -> list[Spot]:
+    """Return joints by their residual over the noise floor, the largest first, and of each its regimes likewise."""
+    machine = question.machine
+    model, spots = machine.regressors.model, []
+    for r, joint in enumerate(model.machine.rows):
+        floor = float(machine.floor.rms[r])
+        rows = sum(int(np.sum(np.isfinite(e[:, r]))) for e in residuals)
+        excess = float(rms(residuals)[r] ** 2 - floor**2) * rows
+        for k, name in enumerate(REGIMES):
+            healthy = (
+                floor
+                if machine.regimes is None or not np.isfinite(machine.regimes[k, r])
+                else float(machine.regimes[k, r])
+            )
+            spans, energy, count = [], 0.0, 0
+            for s, e in zip(question.seen, residuals, strict=True):
+                here = np.where(regime(name, s.rows, s.recording, model.acting[r][0], joint), e[:, r], np.nan)
+                for first in range(0, len(here), SPAN * BLOCK_ROWS):
+                    part = here[first : first + SPAN * BLOCK_ROWS]
+                    part = part[np.isfinite(part)]
+                    if len(part) >= FEWEST_ROWS:
+                        spans.append(float(np.mean(part**2)))
+                        energy, count = energy + float(np.sum(part**2)), count + len(part)
+            if len(spans) >= 2:
+                p = _p_value(np.log(np.array(spans) + 1e-12) - np.log(ENERGY_MARGIN * healthy**2))
+                share = (energy - healthy**2 * count) / excess if excess > 0.0 else 0.0
+                rest = float(np.sqrt(energy / count))
+                spots.append(
+                    Spot(
+                        model.machine.links[joint].name,
+                        name,
+                        rest,
+                        healthy,
+                        float(np.clip(share, 0.0, 1.0)),
+                        p,
+                        found=False,
+                    )
+                )
+    order = sorted(spots, key=lambda s: s.p)
+    last = max((k for k, s in enumerate(order, 1) if s.p <= FALSE_DISCOVERIES * k / len(order)), default=0)
+    marked = [replace(s, found=k < last) for k, s in enumerate(order)]
+    ratio = dict(
+        zip((model.machine.links[j].name for j in model.machine.rows), rms(residuals) / machine.floor.rms, strict=True)
+    )
+    return sorted(marked, key=lambda s: (-ratio[s.joint], -s.floors))
+
+
+def _p_value(logs: Array) -> float:
+    """Return the one-sided probability (Student) that the mean log energy of spans exceeds 0 by chance."""
+    error = max(float(np.std(logs, ddof=1)), 0.1) / np.sqrt(len(logs))
+    return float(stats.t.sf(np.mean(logs) / error, len(logs) - 1))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Pressure at the worst place over time: measured, and simulated before and after the causes.
+
+    cylinder: its name
+    t:        (T,) [s]
+    measured, before, after: (T,) head-side pressure [bar]
+    """
+
+    cylinder: str
+    t: Array
+    measured: Array
+    before: Array
+    after: Array
+
+
+def worst_place(question: FieldQuestion, found: Simulated) -> Picture | None:
+    """Return the fifteen seconds of the largest residual over its floor; None where no cylinder moves the joint."""
+    machine = question.machine.regressors.model.machine
+    ratio = rms(found.before) / question.machine.floor.rms
+    r = int(np.argmax(ratio))
+    joint, width = machine.rows[r], SPAN * BLOCK_ROWS
+    best = (-1.0, 0, 0)
+    for n, e in enumerate(found.before):
+        for first in range(0, max(len(e) - width, 1), BLOCK_ROWS):
+            part = e[first : first + width, r]
+            energy = float(np.nansum(part**2))
+            best = max(best, (energy, n, first))
+    _, n, first = best
+    seen, span = question.seen[n], slice(first, first + width)
+    own = next((c for c, joints in enumerate(machine.spans) if joint in joints and machine.forces_measured[c]), None)
+    if own is None:
+        return None
+    lever = machine.geometry(seen.rows.posture[span]).lever[:, own, joint]
+    scale = np.where(np.abs(lever) > 1e-3, lever, np.nan) * machine.cylinders[own].area_head * BAR
+    measured = seen.rows.force[span, own] / machine.cylinders[own].area_head / BAR
+    before, after = (measured - e[span, r] / scale for e in (found.before[n], found.after[n]))
+    return Picture(machine.cylinders[own].name, seen.rows.t[span], measured, before, after)
+
+
+# Shape of an unexplained residual
+
+
+def quantities(question: FieldQuestion, row: int) -> tuple[list[tuple[str, str, Array]], Array]:
+    """Return what a residual of a joint may be a function of: name, detail, values (T,); and its cylinder's direction.
+
+    The direction (T,) is -1..1.
+    """
+    machine, own = question.machine.regressors.model.machine, question.machine.regressors.model.acting[row][0]
+    rows = [s.rows for s in question.seen]
+    speed, force = np.concatenate([r.speed for r in rows]), np.concatenate([r.force for r in rows])
+    found = [
+        ("position", "", np.concatenate([r.posture[:, machine.rows[row]] for r in rows])),
+        ("speed", "", np.arcsinh(speed[:, own] / 0.01)),
+        *(
+            ("load", f"force of the {machine.cylinders[c].name} cylinder", force[:, c])
+            for c in sorted(range(len(machine.cylinders)), key=lambda c: c != own)
+        ),
+        ("time", "", np.concatenate([r.t for r in rows])),
+    ]
+    return found, np.asarray(np.tanh(speed[:, own] / 0.01))
+
+
+def unexplained_shape(question: FieldQuestion, residuals: Sequence[Array]) -> dict[str, Any]:
+    """Return what an unexplained residual goes with, at the joint that has most of it.
+
+    Of each quantity the share of the excess energy that a curve over it predicts on spans that it was not fitted to.
+    """
+    machine, floor = question.machine.regressors.model.machine, question.machine.floor.rms
+    row = int(np.argmax(rms(residuals) / floor))
+    span = np.concatenate([1000 * k + np.arange(len(e)) // (SPAN * BLOCK_ROWS) for k, e in enumerate(residuals)])
+    torque = np.concatenate([e[:, row] for e in residuals])
+    good = np.isfinite(torque)
+    excess = max(float(np.mean(torque[good] ** 2) - floor[row] ** 2), 1e-9)
+    each, direction = quantities(question, row)
+    found = []
+    for name, detail, values in each:
+        share = _predicted_energy(torque[good], _curve(values, direction)[good], span[good] % 2) / excess
+        found.append((name, detail, float(np.clip(share, 0.0, 1.0))))
+    found.sort(key=lambda f: -f[2])
+    if found[0][2] < LEAST_CLOSURE:
+        few = _in_few_blocks(torque, float(floor[row])) / excess
+        found.insert(0, ("moments", "", float(np.clip(few, 0.0, 1.0))) if few > HALF else ("none", "", 0.0))
+    (name, detail, share), *others = found
+    at = machine.links[machine.rows[row]].name
+    alternatives = [{"of": n, "detail": d, "share": s} for n, d, s in others if s][:3]
+    return {"at": at, "of": name, "detail": detail, "share": share, "alternatives": alternatives}
+
+
+def _curve(x: Array, direction: Array) -> Array:
+    """Return columns (T, 16) of a smooth curve over x (T,), and of another one that reverses with the direction."""
+    low, high = np.percentile(x, [1.0, 99.0])
+    bends = legvander(np.clip(2.0 * (x - low) / max(high - low, 1e-9) - 1.0, -1.0, 1.0), 7)
+    return np.hstack([bends, bends * direction[:, None]])
+
+
+def _predicted_energy(torque: Array, columns: Array, fold: Array) -> float:
+    """Return the mean square that columns remove from each half when they are fitted to the other."""
+    rest = 0.0
+    for k in (0, 1):
+        if not np.any(fold == k) or not np.any(fold != k):
+            return 0.0
+        sizes = np.linalg.lstsq(columns[fold != k], torque[fold != k], rcond=1e-6)[0]
+        rest += float(np.sum((torque[fold == k] - columns[fold == k] @ sizes) ** 2))
+    return float(np.mean(torque**2)) - rest / len(torque)
+
+
+def _in_few_blocks(torque: Array, floor: float) -> float:
+    """Return the mean square beyond the floor's that the worst tenth of the blocks makes."""
+    blocks = np.array_split(torque, -(-len(torque) // BLOCK_ROWS))
+    above = np.sort([float(np.nansum(b**2 - floor**2)) for b in blocks])[::-1]
+    return float(np.sum(above[: -(-len(above) // 10)])) / max(int(np.sum(np.isfinite(torque))), 1)
+
+
+# Magnitudes that would be detected
+
+
+def smallest_detectable(found: Found) -> dict[Key, float]:
+    """Return the smallest detectable magnitude [SI] of every effect at its place, of the form that shows most.
+
+    It is DETECTABLE standard errors beside a healthy machine; infinite where the recordings show nothing of the effect.
+    """
+    case, smallest = found.case, dict[Key, float]()
+    state = case.state(found.healthy.hypothesis.noise)
+    for form in case.forms:
+        if not form.columns or form.columns[0] >= len(case.unit):
+            continue
+        k = form.columns[0]
+        information = float(state.information([k])[0, 0])
+        error = float(case.unit[k]) * information**-0.5 if information > 0.0 else np.inf
+        smallest[form.key] = min(DETECTABLE * error, smallest.get(form.key, np.inf))
+    return smallest
+
+
+# Refit of the model's parameters
+
+
+@dataclass(frozen=True)
+class ParameterChange:
+    """A parameter of the model before and after a refit.
+
+    name, unit:    of the parameter
+    before, after: its values
+    torque:        that the change makes along the recordings [N m, rms]
+    shift:         the change in standard errors of the data sheet
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    torque: float
+    shift: float
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The gap before and after the model's parameters are fitted to the recordings.
+
+    before, after: (R,) residual torque [N m, rms]
+    share:         of the gap's energy beyond the noise floor that goes; of a data sheet of the whole energy
+    changes:       the parameters, the one that makes most torque first
+    values:        (F,) changes of the parameters and of the bars of linkages, in SI units
+    """
+
+    before: Array
+    after: Array
+    share: float
+    changes: tuple[ParameterChange, ...]
+    values: Array
+
+
+def refitted(question: FieldQuestion) -> Refit:
+    """Return what a refit of the parameters removes of the reported residual: least squares, the prior around them."""
+    layout, machine = question.machine.layout, question.machine
+    size, residuals = layout.first, question.residuals()
+    rows = np.maximum(np.sum([np.sum(np.isfinite(e), axis=0) for e in residuals], axis=0), 1)
+    unit = layout.unit[:size]
+    normal = np.diag(unit**-2.0) * float(np.mean(machine.floor.rms**2)) / float(np.sum(rows))
+    score, columns = np.zeros(size), []
+    for s, e in zip(question.seen, residuals, strict=True):
+        x = np.concatenate([s.rows.base, s.rows.bars], axis=-1)
+        columns.append(x)
+        for r in range(e.shape[1]):
+            good, part = np.isfinite(e[:, r]), 1.0 / (rows[r] * len(rows))
+            normal += part * x[good, r].T @ x[good, r]
+            score += part * x[good, r].T @ e[good, r]
+    values = np.linalg.solve(normal, score)
+    after = rms([e - x @ values for x, e in zip(columns, residuals, strict=True)])
+    count = len(machine.regressors.parameters)
+    old = machine.regressors.parameters + machine.values[:count]
+    changes = _changes(machine.regressors.model, old, old + values[:count], [s.rows.base for s in question.seen])
+    before = rms(residuals)
+    share = _energy_share(before, after, machine.floor.rms)
+    return Refit(before, after, share, changes, np.asarray(values, dtype=np.float64))
+
+
+def refitted_sheet(sheet: FieldQuestion, fitted: FieldQuestion) -> Refit:
+    """Return what identifying masses and friction from the recordings removes of the gap of a data sheet.
+
+    sheet:  the recordings beside the data sheet, which has no friction
+    fitted: the same recordings beside parameters that were fitted to them
+    """
+    own, other = sheet.machine.regressors, fitted.machine.regressors
+    names = [p.name for p in other.model.parameters]
+    old = np.zeros(len(names))
+    for parameter, value in zip(own.model.parameters, own.parameters.tolist(), strict=True):
+        old[names.index(parameter.name)] = value
+    before, after = rms(sheet.residuals()), rms(fitted.residuals())
+    changes = _changes(other.model, old, other.parameters, [s.rows.base for s in fitted.seen])
+    share = 1.0 - float(np.sum(after**2) / max(float(np.sum(before**2)), 1e-300))
+    return Refit(before, after, share, changes, other.parameters - old)
+
+
+def _energy_share(before: Array, after: Array, floor: Array) -> float:
+    known = floor > 0.0
+    excess, left = (float(np.mean((e[known] / floor[known]) ** 2)) - 1.0 for e in (before, after))
+    return min(1.0 - left / excess, 1.0) if excess > 0.0 else 0.0
+
+
+def _changes(model: Model, before: Array, after: Array, base: Sequence[Array]) -> tuple[ParameterChange, ...]:
+    columns = np.concatenate([b[..., : len(before)] for b in base])
+    torque = np.sqrt(np.nanmean(np.nansum((columns * (after - before)) ** 2, axis=1), axis=0))
+    shift = (after - before) / np.sqrt(np.diag(model.prior.covariance))
+    each = zip(model.parameters, *(x.tolist() for x in (before, after, torque, shift)), strict=True)
+    changes = [ParameterChange(p.name, p.unit, *numbers) for p, *numbers in each]
+    return tuple(sorted(changes, key=lambda change: -change.torque))

@@ -1,1 +1,0 @@
-"""Hypotheses with their evidence, and what they make probable."""

@@ -1,1 +1,0 @@
-"""What is asked of recordings before any effect: clocks, readings that jump or shake, references that are strangers."""

@@ -1,0 +1,1166 @@
+"""The search for the most probable hypotheses: screening of all forms at once, a small beam of more and more effects,
+then the first ones again with their columns at the magnitudes found, and with their shape parameters refined."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.diagnosis.constants import (
+    BLOCK_ROWS,
+    CARRY_BACK,
+    FEW_BLOCKS,
+    HEALTHY,
+    INCIDENT,
+    INCIDENT_SIZES,
+    PAYLOAD,
+    POLYNOMIALS,
+    SAME_MACHINE,
+    SECOND_EFFECT,
+    SPILL,
+    UNKNOWN_EFFECT,
+)
+from cylforce.diagnosis.likelihood import (
+    FREE_PRECISION,
+    VARIATIONS,
+    Form,
+    Hypothesis,
+    Likelihood,
+    Losses,
+    MachineKnowledge,
+    Nuisance,
+    Payload,
+    _Marginal,
+    _positive,
+    effective_share,
+    free_stretches,
+    likeliest_noise,
+    log_evidence,
+    log_of_other_rows,
+    log_prior_of_blocks,
+)
+from cylforce.diagnosis.model import (
+    CENTRE,
+    GROWTH_S,
+    HealthyMachine,
+    KnowledgeSource,
+    Seen,
+    forms_of,
+    lasting,
+)
+from cylforce.diagnosis.regressors import LOAD_CENTRE, ColumnSource, ReturnLevel, return_evidence, return_levels
+from cylforce.diagnosis.statistics import Blocks, Gram, Mask, SharedNoise
+from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped, shapes
+from cylforce.effects.imposed import Imposed
+from cylforce.effects.incidents.payload_spill import PayloadSpill
+from cylforce.effects.library import Group, Proposal
+from cylforce.effects.loads.tip_force import TipForce
+from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
+from cylforce.readings.zeros import NAME as OFFSET
+from cylforce.readings.zeros import Zero
+from cylforce.signals.estimate import Array
+
+Key = tuple[str, str]  # name and place of an effect
+NO_GAP: Key = ("no_gap", "")
+UNKNOWN: Key = ("unknown", "")
+CONTACT = TipForce().about.name
+GLITCH = "intermittent_glitch"
+STEP_COLUMNS = ("load.mass", "load.X", "load.Z")
+WIDTH, DEEPEST, REFINED = 2, 8, 8  # of the beam: hypotheses kept, effects at most, forms tried beside each
+AGAIN = 6  # hypotheses whose columns are computed again at their magnitudes
+CORRECTIONS = 6  # rounds of columns at the magnitudes found, at most: noise in a column delays their end
+COARSE = (0.1, 0.5, 0.9)  # positions of a shape parameter in its range that are tried first
+STEP_OF_SHAPE, FINER = 0.2, 2  # of its range; rounds, each at half the distance
+NEAR_SHAPE = 0.03  # of its range: nearer positions are the same
+SHAPED = 3  # candidates whose shape is refined
+STILL = 0.03  # of a magnitude: a smaller change of it does not bend its columns
+KEPT_ROWS = 0.5  # of the rows, that must stay usable when a recording is corrected
+SETTLING = 4  # rounds in which the blocks of an incident are found
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """A known load becomes another one: in block `first` of all blocks, which does not count, until before `last`."""
+
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Applied:
+    """An effect with the sizes (M,) [SI] for which recordings are corrected."""
+
+    proposal: Proposal
+    sizes: Array
+
+    @property
+    def imposed(self) -> Imposed:
+        """The effect as the simulated machine has it."""
+        sizes = self.sizes / np.array([1.0, GROWTH_S]) if self.proposal.clock else self.sizes
+        return Imposed(self.proposal.group, self.proposal.at, self.proposal.where, tuple(sizes.tolist()))
+
+
+@dataclass(frozen=True)
+class Refined:
+    """An effect whose shape parameters were refined.
+
+    proposal: the effect with the refined shape
+    columns:  (T, R, M) its columns along each recording
+    added:    (T', R, M) what the sensors' noise once more adds to its columns at the beginning of each recording
+    """
+
+    proposal: Proposal
+    columns: tuple[Array, ...]
+    added: tuple[Array, ...]
+
+    @property
+    def unit(self) -> Array:
+        """Typical sizes (M,) of its columns."""
+        return np.array(self.proposal.usual)
+
+
+@dataclass(frozen=True)
+class FieldQuestion:
+    """Recordings under diagnosis beside a healthy machine.
+
+    machine: the healthy machine
+    seen:    the recordings, with the shared sensor noise of each
+    step:    when a known load may have changed
+    laid:    rows of each recording that count, in whole blocks; None: all rows of all
+    apart:   log probability of the rows that do not count
+    noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings took away
+    applied: what the recordings are corrected for, by form
+    jumps:   evidence [nats] of the number of jumps of a reading, by its signal
+    zeros:   readings of pressure sensors without pressure, by their signals
+    free:    whether the model's parameters are free, as those of somebody else's machine
+    refined: an effect with refined shape parameters, whose columns are appended; None if there is none
+    """
+
+    machine: HealthyMachine
+    seen: tuple[Seen, ...]
+    step: LoadStep | None = None
+    laid: tuple[NDArray[np.int_] | None, ...] | None = None
+    apart: float = 0.0
+    noise: Array | None = None
+    applied: Mapping[int, Array] = field(default_factory=dict)
+    jumps: Mapping[int, float] = field(default_factory=dict)
+    zeros: Mapping[int, Zero] = field(default_factory=dict)
+    free: bool = False
+    refined: Refined | None = None
+
+    @cached_property
+    def loaded(self) -> list[str]:
+        """Names of the recordings with a known load."""
+        return list(dict.fromkeys(s.recording.name for s in self.seen if s.recording.load_kg))
+
+    @cached_property
+    def size(self) -> int:
+        """K', number of columns: those of the machine, where each load hangs, the change of a load."""
+        return self.machine.layout.size + CENTRE * len(self.loaded) + (len(STEP_COLUMNS) if self.step else 0)
+
+    @cached_property
+    def unit(self) -> Array:
+        """Typical sizes (K',) of the columns."""
+        step = self._step_unit if self.step else np.zeros(0)
+        return np.concatenate([self.machine.layout.unit, np.tile(LOAD_CENTRE, len(self.loaded)), step])
+
+    @property
+    def _step_unit(self) -> Array:
+        return self.machine.layout.typical[[INCIDENTAL.index(name) for name in STEP_COLUMNS]]
+
+    @cached_property
+    def blocks(self) -> list[Blocks]:
+        """The recordings' whitened rows with columns [K' | incidental | residual]."""
+        layout, first, found = self.machine.layout, 0, []
+        for n, seen in enumerate(self.seen):
+            rows, usable = seen.blocks.rows, seen.blocks.usable
+            load = rows[..., layout.size : layout.size + 1 + CENTRE]
+            centres = [
+                load[..., 1:] * np.float32(name == seen.recording.name and seen.recording.load_kg > 0.0)
+                for name in self.loaded
+            ]
+            parts, number = [rows[..., : layout.size], *centres], first + np.arange(len(rows))
+            if self.step:
+                on = (number > self.step.first) & (number < self.step.last)
+                parts.append(load[..., [0, 1, 2]] * on[:, None, None, None].astype(np.float32))
+                usable = usable & (number != self.step.first)[:, None, None]
+            whole = np.concatenate([*parts, rows[..., layout.size :]], axis=-1) * usable[..., None]
+            blocks = Blocks(np.asarray(whole, dtype=np.float32), usable)
+            layed = None if self.laid is None else self.laid[n]
+            found.append(blocks if layed is None else blocks.laid(layed))
+            first += len(rows)
+        return found
+
+    @cached_property
+    def spans(self) -> list[tuple[int, int]]:
+        """First block of each recording and the one after the last."""
+        ends = np.cumsum([0] + [len(s.blocks.rows) for s in self.seen]).tolist()
+        return list(pairwise(ends))
+
+    @cached_property
+    def times(self) -> Array:
+        """Time (B,) [s] of the middle of every block."""
+        half = BLOCK_ROWS / self.machine.regressors.rows_hz / 2.0
+        return np.concatenate([s.rows.t[::BLOCK_ROWS] + half for s in self.seen])
+
+    @cached_property
+    def forms(self) -> tuple[Form, ...]:
+        """All that may be a cause and lasts; a change of load has columns where a step is considered."""
+        found = []
+        own = forms_of(self.machine.layout, self.dry_friction)
+        first = self.size - len(STEP_COLUMNS)
+        for form, p in zip(own, lasting(self.machine.layout), strict=True):
+            stepped = p.course is TimeCourse.AFTER and self.step is not None
+            columns = tuple(first + STEP_COLUMNS.index(name) for name in p.incidents) if stepped else form.columns
+            found.append(replace(form, columns=columns))
+        if self.refined:
+            p, count = self.refined.proposal, len(self.refined.unit)
+            own_columns = tuple(range(self.size, self.size + count))
+            high = max(self.machine.layout.largest(p, self.dry_friction), p.about.low)
+            about = p.about
+            found.append(Form(p.name, p.at, own_columns, about.low, high, about.sign, about.axes, p.bends, about.form))
+        return tuple(found)
+
+    @cached_property
+    def proposals(self) -> list[Proposal]:
+        """The proposals of the forms."""
+        more = [self.refined.proposal] if self.refined else []
+        return [*lasting(self.machine.layout), *more]
+
+    @cached_property
+    def dry_friction(self) -> Array | None:
+        """Dry friction (C,) [N] of the cylinders in these recordings, by the model; None where it is not known."""
+        model, values = self.machine.regressors.model, self.machine.regressors.parameters
+        if "coulomb" not in model.friction:
+            return None
+        known = dict(zip((p.name for p in model.parameters), values.tolist(), strict=True))
+        load = np.nanmean(np.abs(np.concatenate([s.rows.force for s in self.seen])), axis=0)
+        each = [
+            known.get(f"{c.name}.coulomb", 0.0) + known.get(f"{c.name}.load_dependent", 0.0) * f
+            for c, f in zip(model.machine.cylinders, load.tolist(), strict=True)
+        ]
+        return np.asarray(np.maximum(np.array(each), 0.0))
+
+    def unit_of(self, form: int) -> Array:
+        """Return the typical sizes (M,) of the columns of a form."""
+        if self.refined is not None and form == len(self.forms) - 1:
+            return self.refined.unit
+        return np.asarray(self.unit[list(self.forms[form].columns)])
+
+    def gram(self, kept: Mask | None = None) -> Gram:
+        """Return the Gram of the recordings; kept: blocks (B,) that count, None: all."""
+        parts, first = [], 0
+        for seen, blocks in zip(self.seen, self.blocks, strict=True):
+            mask = None if kept is None else kept[first : first + len(blocks.rows)]
+            first += len(blocks.rows)
+            own = blocks if mask is None else blocks.masked(mask)
+            parts.append(
+                Gram.of(own, range(self.size), self.unit, self._padded(seen.shared(range(self.machine.layout.size))))
+            )
+        found = Gram.total(parts)
+        return found if self.noise is None else found.with_noise(self.noise)
+
+    def _padded(self, noise: SharedNoise) -> SharedNoise:
+        if not len(noise.products):
+            return SharedNoise.none(len(self.machine.floor.rms), self.size + 1)
+        found = np.zeros((*noise.products.shape[:-1], self.size + 1))
+        own = self.machine.layout.size
+        found[..., :own], found[..., -1] = noise.products[..., :own], noise.products[..., -1]
+        return SharedNoise(found, noise.counts)
+
+    @cached_property
+    def knowledge(self) -> MachineKnowledge:
+        """The healthy machine with the columns that only these recordings have; parameters free if that is asked."""
+        own, more = self.machine.machine, self.size - self.machine.layout.size
+        covariance = np.zeros((self.size, self.size))
+        covariance[: len(own.mean), : len(own.mean)] = own.covariance
+        if self.free:
+            count = len(self.machine.regressors.parameters)
+            covariance[:count, :count] += np.eye(count)
+        for k in range(CENTRE * len(self.loaded)):
+            covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
+        pad = np.zeros(more)
+        return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise)
+
+    def likelihood(self, kept: Mask | None = None) -> Likelihood:
+        """Return the likelihood of the recordings, or of some of their blocks (B,)."""
+        gram, unit, knowledge = self.gram(kept), self.unit, self.knowledge
+        if self.refined is not None:
+            blocks, first = [], 0
+            for each in self.blocks:
+                count = len(each.rows)
+                blocks.append(each if kept is None else each.masked(kept[first : first + count]))
+                first += count
+            gram = gram.extended(blocks, range(self.size), self._refined_blocks(kept), unit, self.refined.unit)
+            unit, zero = np.append(unit, self.refined.unit), np.zeros(len(self.refined.unit))
+            covariance = np.zeros((len(unit), len(unit)))
+            covariance[: self.size, : self.size] = knowledge.covariance
+            mean, variation = np.append(knowledge.mean, zero), np.append(knowledge.variation, zero)
+            knowledge = MachineKnowledge(mean, covariance, variation, knowledge.noise)
+        return Likelihood(
+            gram, unit, self.forms, knowledge, corrected=self.applied, support=self.evidence_for, apart=self.apart
+        )
+
+    def _refined_blocks(self, kept: Mask | None) -> list[tuple[Blocks, SharedNoise]]:
+        """Return the whitened columns of the refined effect in the blocks that count, and the noise that they share."""
+        if self.refined is None:
+            return []
+        found, first, floor = [], 0, self.machine.floor
+        for n, (seen, columns, added) in enumerate(
+            zip(self.seen, self.refined.columns, self.refined.added, strict=True)
+        ):
+            blocks = Blocks.whitened(columns, floor)
+            rows = None if self.laid is None else self.laid[n]
+            blocks = blocks if rows is None else blocks.laid(rows)
+            count = len(blocks.rows)
+            noise = Blocks.whitened(added, floor)
+            usable = noise.usable & seen.added.usable[: len(noise.usable)]
+            both = np.concatenate([noise.rows, seen.added.rows[: len(usable), ..., -1:]], axis=-1) * usable[..., None]
+            shared = SharedNoise.of(Blocks(np.asarray(both, dtype=np.float32), usable), range(added.shape[-1]))
+            found.append((blocks if kept is None else blocks.masked(kept[first : first + count]), shared))
+            first += count
+        return found
+
+    def evidence_for(self, form: int, sizes: Array) -> float:
+        """Return the evidence [nats] for a form of sizes (M,) [SI] from return pressures, zeros and counts of jumps."""
+        p = self.proposals[form]
+        if p.name == GLITCH:
+            return self.jumps.get(p.where, 0.0)
+        read = self.zeros.get(p.where) if p.name == OFFSET else None
+        zero = 0.0 if read is None else read.evidence(float(sizes[0]))
+        level = self._return_levels.get(p.where) if p.about.place is Place.PRESSURE else None
+        if level is None:
+            return zero
+        size = float(f"{float(sizes[0]):.2g}")  # the evidence is smooth: so it is computed once for near sizes
+        if (form, size) not in self._supports:
+            machine, rate = self.machine.regressors.model.machine, self.machine.regressors.model.filters.rate_hz
+            pairs = [(s.recording, s.rows) for s in self.seen]
+            self._supports[form, size] = return_evidence(machine, level, p, size, pairs, rate)
+        return zero + self._supports[form, size]
+
+    @cached_property
+    def _supports(self) -> dict[tuple[int, float], float]:
+        return {}
+
+    @cached_property
+    def _return_levels(self) -> dict[int, ReturnLevel]:
+        own, pairs = self.machine.regressors.model, [(s.recording, s.rows) for s in self.seen]
+        return return_levels(own.machine, self.machine.returns, pairs, own.filters.rate_hz)
+
+    def nuisance(self, columns: Sequence[int]) -> Nuisance:
+        """Return the nuisance of incidental columns (numbers from the layout's K on) of all blocks."""
+        shift = self.size - self.machine.layout.size
+        typical = self.machine.layout.typical[[k - self.machine.layout.size for k in columns]]
+        own = [k + shift for k in columns]
+        return Nuisance.of(self.blocks, range(self.size), self.unit, own, typical)
+
+    @cached_property
+    def plain(self) -> Array:
+        """Coefficients (K'+1,) of the residual that is reported: the machine's columns, and where the loads hang."""
+        layout, found = self.machine.layout, np.zeros(self.size + 1)
+        found[-1], found[: layout.size] = 1.0, -self.machine.values / layout.unit
+        centres = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
+        if centres:
+            gram = self.gram()
+            whole = np.sum(gram.whole, axis=0)
+            normal = whole[np.ix_(centres, centres)] + np.eye(len(centres))
+            found[centres] = -np.linalg.solve(normal, whole[centres] @ found)
+        return found
+
+    def beside(self, more: Array) -> Array:
+        """Return the coefficients (K'+1,) of the reported residual, where the loads hang fitted beside effects.
+
+        more: (K',) sizes of the effects' columns
+        """
+        found, layout = self.plain.copy(), self.machine.layout
+        centres = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
+        if centres:
+            start = found - np.append(more, 0.0)
+            start[centres] = 0.0
+            whole = np.sum(self.gram().whole, axis=0)
+            found[centres] = -np.linalg.solve(
+                whole[np.ix_(centres, centres)] + np.eye(len(centres)), whole[centres] @ start
+            )
+        return found
+
+    def residuals(self, values: Array | None = None) -> list[Array]:
+        """Return the residuals (T, R) [N m] with coefficients (K'+1,), by default those that are reported.
+
+        Rows without a past for the whitening are NaN: nothing was fitted there.
+        """
+        coefficients = self.plain if values is None else values
+        layout, found = self.machine.layout, []
+        for seen in self.seen:
+            columns = layout.columns(seen.rows, seen.recording)
+            value = columns[..., -1] + columns[..., : layout.size] @ (coefficients[: layout.size] * layout.unit)
+            for k, name in enumerate(self.loaded):
+                if name == seen.recording.name and seen.recording.load_kg:
+                    at = layout.size + CENTRE * k
+                    value = value + columns[..., layout.size + 1 : layout.size + 1 + CENTRE] @ (
+                        coefficients[at : at + CENTRE] * LOAD_CENTRE
+                    )
+            usable = seen.blocks.usable.reshape(-1, value.shape[1])[: len(value)]
+            found.append(np.where(usable, value, np.nan))
+        return found
+
+    def corrected(self, applied: Sequence[tuple[int, Applied]]) -> "FieldQuestion":
+        """Return the question with effects, by number of their form, taken out of the readings at their sizes.
+
+        The columns of all other effects stay as they are. The sensors' noise in residual and columns is what a
+        recording with noise once more has, corrected likewise: a correction may neither remove noise nor make it look
+        like an effect.
+        """
+        machine, layout = self.machine, self.machine.layout
+        effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
+        refined = self.refined.proposal if self.refined else None
+        own = [a.proposal for _, a in applied if not a.proposal.clock and a.proposal is not refined]
+        places = [k - layout.first for p in own for k in layout.places[layout.proposals.index(p)]]
+        own += [a.proposal for _, a in applied if a.proposal is refined]
+        seen, again, before, after = [], list[Array](), list[SharedNoise](), list[SharedNoise]()
+        for each in self.seen:
+            lost = np.isnan(each.rows.residual)
+            other, recording = machine.regressors.corrected(each.recording, effects)
+            rows = other.rows(recording, own, lost)
+            columns, count = each.rows.effects.copy(), len(places)
+            columns[..., places] = rows.effects[..., :count]
+            again.append(rows.effects[..., count:].astype(np.float64))
+            rows = replace(rows, effects=columns)
+            added = self._corrected_noise(each, replace(each, recording=recording, rows=rows), effects, own, places)
+            renewed = replace(each, recording=recording, rows=rows, added=added)
+            seen.append(replace(renewed, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
+            before.append(each.shared(()))
+            after.append(renewed.shared(()))
+        unit = {p: self.unit_of(p) for p, _ in applied}
+        found = replace(
+            self,
+            seen=tuple(seen),
+            applied={p: a.sizes / unit[p] for p, a in applied},
+            noise=_energy_of(before) - _energy_of(after),
+        )
+        if self.refined is not None and again[0].shape[-1]:
+            found = replace(found, refined=replace(self.refined, columns=tuple(again)))
+        found.__dict__.update(
+            {name: getattr(self, name) for name in ("_return_levels", "_supports")}
+        )  # of the readings
+        return found
+
+    def _corrected_noise(
+        self, before: Seen, after: Seen, effects: Sequence[Imposed], own: Sequence[Proposal], places: Sequence[int]
+    ) -> Blocks:
+        """Return what the sensors' noise once more adds to a corrected recording.
+
+        The columns that stay have the noise of the recording as it was; the residual and the renewed columns that of
+        the corrected one, whose readings may be shifted in time.
+        own:    effects whose columns are renewed
+        places: numbers of these columns among those of the effects
+        """
+        machine, layout = self.machine, self.machine.layout
+        other, twin = machine.regressors.corrected(replace(before.recording, values=before.twin), effects)
+        noisy = other.rows(twin, own, np.isnan(before.rows.residual))
+        columns = after.rows.effects[: len(noisy.t)].copy()
+        columns[..., places] = noisy.effects[..., : len(places)]
+        noisy = replace(noisy, effects=columns)
+        change = layout.columns(noisy, twin) - layout.columns(after.rows.first(len(noisy.t)), after.recording)
+        noise = Blocks.whitened(change, machine.floor)
+        both = before.added.usable & noise.usable[: len(before.added.usable)]
+        rows = noise.rows[: len(both)].copy()
+        stay = [layout.first + k for k in range(columns.shape[-1]) if k not in places]
+        rows[..., stay] = before.added.rows[..., stay]
+        return Blocks(rows * both[..., None], both)
+
+
+def _energy_of(parts: Sequence[SharedNoise]) -> Array:
+    """Return the energy (R, 1 + POLYNOMIALS) of the sensors' noise in the residual of recordings."""
+    products, counts = np.concatenate([n.products for n in parts]), np.concatenate([n.counts for n in parts])
+    return SharedNoise(products, counts).energy()
+
+
+# Screening and beam
+
+
+def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
+    """Return hypotheses of more and more effects, as long as one effect more is worth its prior probability."""
+    beam = [case.hypothesis((), replace(case.machine.noise, variation=share)) for share in VARIATIONS]
+    found: dict[tuple[int, ...], Hypothesis] = {(): max(beam, key=lambda h: h.log)}
+    worth = -float(np.log(SECOND_EFFECT * (1.0 - HEALTHY - UNKNOWN_EFFECT) / max(len(wanted), 1)))
+    for _ in range(DEEPEST):
+        grown, parents = dict[tuple[int, ...], Hypothesis](), dict[tuple[int, ...], tuple[int, ...]]()
+        for base in sorted(beam, key=lambda h: -h.log):
+            for p in screened(case, base, wanted)[:REFINED]:
+                forms = tuple(sorted((*base.forms, p)))
+                if forms in found or parents.setdefault(forms, base.forms) != base.forms:
+                    continue
+                h = case.with_one_more(base, p)
+                if forms not in grown or h.log > grown[forms].log:
+                    grown[forms] = h
+        first = sorted(grown.values(), key=lambda h: -h.log)[:WIDTH]
+        best = sorted((case.likeliest(h.forms, h.noise, h.doubt) for h in first), key=lambda h: -h.log)
+        found |= grown | {h.forms: h for h in best}
+        base_log = max(b.log for b in beam)
+        gained = max((effective_share(h.rest) * (h.log - base_log) for h in best), default=-np.inf)
+        if not best or (len(best[0].forms) > 1 and gained < worth):
+            break
+        beam = best
+    return list(found.values())
+
+
+def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[int]:
+    """Return forms beside a hypothesis, the most promising first, each with the noise that would then be likeliest."""
+    state, named = case.state(base.noise), {case.forms[p].key for p in base.forms}
+    free = [p for p in wanted if case.forms[p].key not in named and case.forms[p].columns]
+    if not free:
+        return []
+    if case.nuisance is not None:
+        each = {p: tuple(sorted((*base.forms, p))) for p in free}
+        return sorted(free, key=lambda p: case.doubt(each[p], base) - case.under(each[p], state)[0])
+    residuals, shift = _with_each(case, base.forms, free, state)
+    _, log = likeliest_noise(case.gram, *case.gram.certain_energies(residuals), case.machine.noise)
+    log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.prior_precision(base.noise.variation)[0])
+    return [free[k] for k in np.argsort(-log).tolist()]
+
+
+def _with_each(case: Likelihood, forms: tuple[int, ...], free: list[int], state: _Marginal) -> tuple[Array, Array]:
+    """Return the residual with each of some forms (H, K+1) beside a hypothesis, and the parameters then (H, K).
+
+    All forms with as many sizes are solved at once.
+    """
+    follows, size = state.covariance @ state.known, len(state.score)
+    whole = state.known - state.known @ follows
+    residuals, shift = np.ones((len(free), size + 1)), np.empty((len(free), size))
+    alike = dict[int, list[int]]()
+    for k, p in enumerate(free):
+        alike.setdefault(len(case.forms[p].columns), []).append(k)
+    for at in alike.values():
+        each = [(*forms, free[k]) for k in at]
+        own = np.array([case.columns(f) for f in each])
+        side = np.array([np.concatenate([case.forms[p].side_precision for p in f]) for f in each])
+        precision = np.where(side > 0.0, side, FREE_PRECISION)
+        known = _positive(whole[own[:, :, None], own[:, None, :]]) + precision[:, :, None] * np.eye(own.shape[1])
+        score = state.score[own] - precision * np.array([case.already(f) for f in each])
+        more = np.linalg.solve(known, score[..., None])[..., 0]
+        shift[at] = state.fitted - np.einsum("khm,hm->hk", follows[:, own], more)
+        residuals[at, :-1] = -case.machine.mean - shift[at]
+        np.subtract.at(residuals, (np.array(at)[:, None], own), more)
+    return residuals, shift
+
+
+# Incidents: contact, unmeasured slewing, a free torque, in single blocks
+
+
+@dataclass(frozen=True)
+class BlockIncident:
+    """Something that happens in single blocks, alone or beside the effects of a hypothesis.
+
+    key:    name and place; UNKNOWN of a free torque
+    proposal: the effect
+    sizes:  (B,) its typical size in every block, 0 where it is absent
+    log:    log probability with the recordings, its blocks' prior included
+    rest:   residual at the worst joint beside it, in noise floors
+    before: the same without it
+    nuisance: the nuisance of its blocks
+    """
+
+    key: Key
+    proposal: Proposal
+    sizes: Array
+    log: float
+    rest: float
+    before: float
+    nuisance: Nuisance
+
+    @property
+    def share(self) -> float:
+        """Share of the blocks in which it happens."""
+        return float(np.mean(self.sizes > 0.0))
+
+    @property
+    def log_prior(self) -> float:
+        """Log prior probability of its blocks."""
+        return log_prior_of_blocks(self.sizes > 0.0)
+
+
+def incidents(
+    question: FieldQuestion,
+    case: Likelihood,
+    residual: Array,
+    wanted: Callable[[Proposal], bool],
+    beside: Hypothesis | None = None,
+) -> list[BlockIncident]:
+    """Return every incident with the blocks in which it most probably happens, alone or beside a hypothesis.
+
+    residual: coefficients (K'+1,) of the residual without it
+    """
+    layout, found = question.machine.layout, []
+    for p, columns in zip(layout.proposals, layout.places, strict=True):
+        if p.course is not TimeCourse.WINDOWS or not wanted(p):
+            continue
+        whole = question.nuisance(columns)
+        forms = beside.forms if beside else ()
+        doubt, noise = (beside.doubt, beside.noise) if beside else (None, case.machine.noise)
+        sizes = whole.likeliest_sizes(residual, noise, INCIDENT_SIZES)
+        for _ in range(SETTLING):
+            held = replace(case, nuisance=whole.sized(sizes))
+            noise = held.hypothesis(forms, noise, doubt).noise
+            now = whole.likeliest_sizes(held.under(forms, held.state(noise))[2], noise, INCIDENT_SIZES)
+            if np.array_equal(now, sizes):
+                break
+            sizes = now
+        own = whole.sized(sizes)
+        h = replace(case, nuisance=own).likeliest(forms, noise, doubt)
+        key = UNKNOWN if p.name == UNKNOWN_TORQUE else (p.name, p.at)
+        before = beside.rest if beside else float(np.max(case.rests(residual)))
+        found.append(BlockIncident(key, p, sizes, h.log + log_prior_of_blocks(sizes > 0.0), h.rest, before, own))
+    return found
+
+
+def changed_load(question: FieldQuestion, case: Likelihood) -> LoadStep | None:
+    """Return when a known load most probably became another one; None without a known load."""
+    loaded = [(span, s) for span, s in zip(question.spans, question.seen, strict=True) if s.recording.load_kg]
+    if not loaded:
+        return None
+    layout = question.machine.layout
+    nuisance = question.nuisance([layout.size + INCIDENTAL.index(name) for name in STEP_COLUMNS])
+    across, precision = nuisance.weighted(case.machine.noise)
+    score, information = across @ question.plain, precision - np.eye(precision.shape[-1])
+    begins, ends = dict[str, int](), dict[str, int]()
+    for (first, last), seen in loaded:
+        begins.setdefault(seen.recording.name, first)
+        ends[seen.recording.name] = last
+    best, found = -np.inf, None
+    for (first, last), seen in loaded:
+        name = seen.recording.name
+        for k in range(first, last - 1):
+            gain = _step_gain(score, information, begins[name], k, ends[name])
+            if gain > best:
+                best, found = gain, LoadStep(k, ends[name])
+    return found
+
+
+def _step_gain(score: Array, information: Array, first: int, changed: int, end: int) -> float:
+    """Return the evidence [nats] that a load changes in a block, with where it hung unknown."""
+    parts = [(slice(first, end), 1), (slice(changed, changed + 1), 0), (slice(changed + 1, end), 0)]
+    pulled = np.concatenate([score[part][:, axis:].sum(axis=0) for part, axis in parts])
+
+    def common(a: tuple[slice, int], b: tuple[slice, int]) -> Array:
+        blocks = slice(max(a[0].start, b[0].start), min(a[0].stop, b[0].stop))
+        return np.asarray(information[blocks][:, a[1] :, b[1] :].sum(axis=0))
+
+    whole = np.block([[common(a, b) for b in parts] for a in parts]) + np.eye(len(pulled))
+    before = len(STEP_COLUMNS) - 1
+    return float(log_evidence(pulled, whole) - log_evidence(pulled[:before], whole[:before, :before]))
+
+
+# Working recordings: unknown loads, and contact during which nothing is known
+
+
+@dataclass(frozen=True)
+class Spill:
+    """A part of an unknown load that fell out while nothing touched the teeth.
+
+    key, proposal: the effect
+    sizes:   (W, M) change of the load at each of W times [kg, kg m, kg m]
+    errors:  (W, M) standard errors
+    course:  (W, B) blocks after each time, until the load is gone
+    log:     log probability with the recordings
+    rest:    residual at the worst joint, in noise floors
+    before:  the same if no load lost a part
+    """
+
+    key: Key
+    proposal: Proposal
+    sizes: Array
+    errors: Array
+    course: Array
+    log: float
+    rest: float
+    before: float
+
+    @property
+    def share(self) -> float:
+        """Number of times over the number of blocks."""
+        return len(self.sizes) / int(self.course.shape[1])
+
+
+@dataclass(frozen=True)
+class Work:
+    """Recordings in which the machine works: only the stretches free of contact count, each beside one payload.
+
+    question: the recordings with these rows
+    case:     their likelihood beside the payloads
+    gaps:     (R,) residual beside the payloads before any effect, in noise floors
+    share:    share of the rows with contact or an unknown load
+    spill:    load that fell out; None if none did
+    names:    of the recordings that work
+    """
+
+    question: FieldQuestion
+    case: Likelihood
+    gaps: Array
+    share: float
+    spill: Spill | None
+    names: frozenset[str]
+
+
+def at_work(question: FieldQuestion, names: frozenset[str]) -> Work | None:
+    """Return recordings with the stretches of those that may work; None where none is free of contact."""
+    machine, unit, size = question.machine, np.append(question.unit, 1.0), question.size
+    settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
+    laid, numbers, sizes, carried, parts, apart = (
+        list[NDArray[np.int_] | None](),
+        list[int](),
+        list[float](),
+        list[bool](),
+        list[tuple[int, int]](),
+        0.0,
+    )
+    total = 0
+    for seen, blocks, (first_block, _) in zip(question.seen, question.blocks, question.spans, strict=True):
+        rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
+        usable = blocks.usable.reshape(-1, blocks.usable.shape[2])
+        if seen.recording.name not in names:
+            laid.append(None)
+            numbers += [len(carried)] * len(blocks.rows)
+            sizes += [0.0] * len(blocks.rows)
+            carried.append(False)
+            parts.append((first_block, first_block + len(blocks.rows)))
+            continue
+        lasting_rows = np.concatenate([rows[..., :size], rows[..., -1:]], axis=-1).astype(np.float64)
+        residual = lasting_rows @ (question.plain * unit)
+        tilt = np.pad(np.sum(seen.rows.posture, axis=1), (0, len(rows) - len(seen.rows.t)), mode="edge")
+        found = free_stretches(residual, rows[..., size : size + 4].astype(np.float64), usable, tilt, typical, settle)
+        own = list[NDArray[np.int_]]()
+        for stretch in found:
+            inside = np.arange(stretch.first, stretch.last)
+            for part in np.array_split(inside, -(-len(inside) // BLOCK_ROWS)):
+                own.append(np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]))
+                numbers.append(len(carried))
+                sizes.append(PAYLOAD if stretch.loaded else CARRY_BACK)
+            carried.append(stretch.carried_on and not seen.recording.load_kg)
+            parts.append(
+                (first_block + stretch.first // BLOCK_ROWS, first_block + (stretch.last - 1) // BLOCK_ROWS + 1)
+            )
+            length = stretch.last - stretch.first + 2 * settle
+            total -= 0 if stretch.loaded and not seen.recording.load_kg else length
+        total += len(seen.rows.t)
+        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]).astype(np.int_))
+        apart += log_of_other_rows(residual, usable, found)
+    count = sum(len(s.rows.t) for s in question.seen if s.recording.name in names)
+    if not numbers or not any(sizes):
+        return None
+    other = replace(question, laid=tuple(laid))
+    case = other.likelihood()
+    plain = Nuisance.of(other.blocks, range(size), question.unit, range(size, size + 4), typical)
+    scaled = plain.sized(np.array(sizes))
+    shared = np.concatenate(
+        [
+            _shared_by_block(s.shared(range(machine.layout.size, machine.layout.size + 4)), b, typical)
+            for s, b in zip(question.seen, other.blocks, strict=True)
+        ]
+    )
+    payload = Payload(
+        scaled.across,
+        scaled.within,
+        scaled.waves,
+        scaled.smooth,
+        np.array(numbers),
+        np.array(carried),
+        shared * np.array(sizes)[:, None, None, None],
+        case.gram.noise_energy,
+    )
+    free = replace(case, nuisance=payload.with_loads(np.zeros(len(carried), dtype=np.bool_)), apart=apart)
+    losses = payload.losses(free.under((), free.state(machine.machine.noise))[2], machine.machine.noise)
+    same = replace(free, nuisance=payload)
+    gaps = same.rests(other.plain, machine.machine.noise)
+    changed = replace(free, nuisance=payload.with_loads(payload.carried_on & ~losses.differs))
+    spill = _spill(question, changed, payload, losses, parts, gaps)
+    return Work(other, changed, gaps, total / max(count, 1), spill, names)
+
+
+def _shared_by_block(noise: SharedNoise, blocks: Blocks, typical: Array) -> Array:
+    """Return the shared noise (B, R, 1 + POLYNOMIALS, 4) of a load's columns in every block, the mean one per row."""
+    joints = blocks.usable.shape[2]
+    if not len(noise.products):
+        return np.zeros((len(blocks.rows), joints, 1 + POLYNOMIALS, 4))
+    products = noise.products[..., :4].sum(axis=0) * typical
+    rows, count = np.maximum(noise.counts.sum(axis=0), 1.0), np.maximum((noise.counts > 0.0).sum(axis=0), 1.0)
+    found = np.tile(products / count[:, None, None], (len(blocks.rows), 1, 1, 1))
+    found[:, :, 0] = products[:, 0] / rows[:, None] * blocks.counts[..., None]
+    return np.asarray(found)
+
+
+def _spill(
+    question: FieldQuestion,
+    case: Likelihood,
+    payload: Payload,
+    losses: Losses,
+    parts: list[tuple[int, int]],
+    gaps: Array,
+) -> Spill | None:
+    """Return what fell out of loads that are carried on, beside a healthy machine, of which a load seldom does so."""
+    proposal = next((p for p in question.machine.layout.proposals if p.name == PayloadSpill().about.name), None)
+    if proposal is None or not np.any(losses.fell):
+        return None
+    idle = case.likeliest((), case.machine.noise)
+    unit = PAYLOAD * question.machine.layout.typical[:3]
+    sizes, errors = (each[losses.fell][:, :3] * unit for each in (-losses.less, losses.errors))
+    about = proposal.about
+    errors = np.hypot(errors, about.form * np.abs(sizes))
+    form = Form(proposal.name, proposal.at, (0,), about.low, about.high, about.sign)
+    size = about.sign * float(np.sqrt(np.mean(sizes[:, 0] ** 2)))
+    density = form.log_prior(np.array([size]), np.array([[np.mean(errors[:, 0] ** 2) / len(sizes)]]))
+    carried = losses.fell[payload.carried_on]
+    often, seldom = (float(np.sum(np.log(np.where(carried, p, 1.0 - p)))) for p in (INCIDENT, SPILL))
+    log = idle.log + density + float(np.log(np.sqrt(2.0 * np.pi) * unit[0])) + often - seldom
+    load, number = np.cumsum(~payload.carried_on), np.arange(len(payload.carried_on))
+    course = np.zeros((int(np.sum(losses.fell)), len(question.times)))
+    for row, n in enumerate(np.flatnonzero(losses.fell)):
+        for k in number[(load == load[n]) & (number >= n)]:
+            course[row, slice(*parts[k])] = 1.0
+    return Spill((proposal.name, proposal.at), proposal, sizes, errors, course, log, idle.rest, float(np.max(gaps)))
+
+
+# The whole search
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A hypothesis as it was examined.
+
+    hypothesis: effects that last, with magnitudes
+    question:   the recordings, corrected for its effects
+    incident:   what happens in single blocks beside them
+    """
+
+    hypothesis: Hypothesis
+    question: FieldQuestion
+    incident: BlockIncident | None = None
+
+    @property
+    def log(self) -> float:
+        """Log probability with the recordings, without the prior of its effects."""
+        return self.hypothesis.log
+
+    @property
+    def beside_contact(self) -> bool:
+        """Whether something happens in some blocks beside its effects."""
+        return self.incident is not None or self.question.laid is not None
+
+    def counted(self) -> list[Mask]:
+        """Return which rows (T,) of each recording count: those without what happens beside its effects."""
+        found, question = [], self.question
+        for n, (seen, span) in enumerate(zip(question.seen, question.spans, strict=True)):
+            count = len(seen.rows.t)
+            rows = np.ones(count, dtype=np.bool_)
+            if self.incident is not None:
+                rows = np.repeat(self.incident.sizes[slice(*span)] == 0.0, BLOCK_ROWS)[:count]
+            elif question.laid is not None and question.laid[n] is not None:
+                own = np.asarray(question.laid[n])
+                rows = np.isin(np.arange(count), own[own >= 0])
+            found.append(rows)
+        return found
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """Name and place of its effects; all free torques are one."""
+        return frozenset(self.key(p) for p in self.hypothesis.forms)
+
+    def key(self, form: int) -> Key:
+        """Return name and place of a form."""
+        key = self.question.forms[form].key
+        return UNKNOWN if key[0] == UNKNOWN_TORQUE else key
+
+    @property
+    def rest(self) -> float:
+        """Residual at the worst joint, in noise floors."""
+        return self.hypothesis.rest
+
+
+@dataclass(frozen=True)
+class Found:
+    """Everything that a search found.
+
+    question:    the recordings as they are
+    case:        their likelihood
+    candidates:  hypotheses of effects that last, with or without an incident beside; the healthy machine among them
+    incidents:   what happens in single blocks alone
+    gaps:        (R,) residual of each joint before any effect, in noise floors
+    work:        recordings in which the machine works; None where it does not
+    """
+
+    question: FieldQuestion
+    case: Likelihood
+    candidates: tuple[Candidate, ...]
+    incidents: tuple[BlockIncident | Spill, ...]
+    gaps: Array
+    work: Work | None = None
+
+    @property
+    def healthy(self) -> Candidate:
+        """The healthy machine."""
+        plain = (c for c in self.candidates if not c.hypothesis.forms)
+        return max((c for c in plain if self.work is not None or not c.beside_contact), key=lambda c: c.log)
+
+
+def without_gap(residual: Array, floor: Array | float = 1.0) -> Mask:
+    """Return which joints (R,) have no gap: a residual no larger than that of two recordings of a healthy machine."""
+    return np.asarray(residual**2 <= (1.0 + SAME_MACHINE) * floor**2)
+
+
+def examined(
+    question: FieldQuestion,
+    wanted: Callable[[Proposal], bool],
+    watch: Callable[[str], None] = lambda _: None,
+    gate: bool = True,
+) -> Found:
+    """Search for what may explain the recordings.
+
+    wanted: whether an effect may be a cause
+    gate:   whether only effects that act at a joint with a gap are candidates
+    """
+    watch("hypotheses")
+    case = question.likelihood()
+    gaps = case.rests(question.plain)
+    step = changed_load(question, case)
+    if step:
+        question = replace(question, step=step)
+        case = question.likelihood()
+    allowed = [k for k, p in enumerate(question.proposals) if wanted(p)]
+    if gate and question.machine.source is not KnowledgeSource.DATA_SHEET:
+        allowed = _showing(question, case, allowed, without_gap(gaps))
+    hypotheses = searched(case, allowed)
+    jumps = [p for p in allowed if question.forms[p].name == GLITCH]
+    known = {h.forms for h in hypotheses}
+    hypotheses += [case.likeliest((p,), case.machine.noise) for p in jumps if (p,) not in known]
+    best = max(hypotheses, key=lambda h: h.log)
+    alone = incidents(question, case, question.plain, wanted)
+    beside = (
+        incidents(question, case, case.under(best.forms, case.state(best.noise))[2], wanted, best) if best.forms else []
+    )
+    candidates = [Candidate(h, question) for h in hypotheses]
+    first = max([*alone, *beside], key=lambda i: i.log, default=None)
+    if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
+        held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
+        candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms]
+    if not without_gap(np.array([min(c.rest for c in candidates)]))[0]:
+        single = [h for h in hypotheses if len(h.forms) == 1]
+        for base in sorted(single, key=lambda h: -h.log)[:1]:
+            candidates += _beside_contact(question, case, base, allowed)
+        if (outside := _without_contact(question, question.plain)) is not None:
+            candidates.append(Candidate(outside[1].likeliest((), case.machine.noise), outside[0]))
+    work = _work(question, candidates, alone)
+    if work is not None:
+        return _examined_at_work(question, work, wanted, gate)
+    watch("effects at their magnitudes")
+    candidates = _at_magnitudes(question, candidates, allowed)
+    return Found(question, case, tuple(candidates), tuple(alone), gaps)
+
+
+def _beside_contact(
+    question: FieldQuestion, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
+) -> list[Candidate]:
+    """Return hypotheses where the rows with contact do not count, as a hypothesis of one effect shows them."""
+    outside = _without_contact(question, case.under(base.forms, case.state(base.noise))[2])
+    if outside is None:
+        return []
+    return [Candidate(h, outside[0]) for h in searched(outside[1], allowed) if h.forms]
+
+
+def _without_contact(question: FieldQuestion, coefficients: Array) -> tuple[FieldQuestion, Likelihood] | None:
+    """Return the recordings without the rows with contact, and their likelihood, the other rows apart.
+
+    Contact that begins within a block is no smooth force. None where there is no contact, or contact in most rows.
+    coefficients: (K'+1,) of the residual in which contact is searched
+    """
+    machine, size, unit = question.machine, question.size, np.append(question.unit, 1.0)
+    settle, typical = machine.regressors.slow.settle_steps, machine.layout.typical[:4]
+    laid, apart, kept, whole = list[NDArray[np.int_] | None](), 0.0, 0, 0
+    for seen, blocks in zip(question.seen, question.blocks, strict=True):
+        rows = blocks.rows.reshape(-1, *blocks.rows.shape[2:])
+        usable = blocks.usable.reshape(-1, blocks.usable.shape[2])
+        lasting_rows = np.concatenate([rows[..., :size], rows[..., -1:]], axis=-1).astype(np.float64)
+        residual, loads = lasting_rows @ (coefficients * unit), rows[..., size : size + 4].astype(np.float64)
+        found = free_stretches(residual, loads, usable, np.zeros(len(rows)), typical, settle, payloads=False)
+        own = list[NDArray[np.int_]]()
+        for stretch in found:
+            inside = np.arange(stretch.first, stretch.last)
+            parts = np.array_split(inside, -(-len(inside) // BLOCK_ROWS))
+            own += [np.concatenate([part, np.full(BLOCK_ROWS - len(part), -1)]) for part in parts]
+            kept += stretch.last - stretch.first + 2 * settle
+        whole += len(seen.rows.t)
+        laid.append(np.concatenate([np.zeros(0, dtype=np.int_), *own]))
+        apart += log_of_other_rows(residual, usable, found)
+    if not 0.0 < 1.0 - kept / max(whole, 1) <= FEW_BLOCKS:
+        return None
+    other = replace(question, laid=tuple(laid), apart=apart)
+    return other, other.likelihood()
+
+
+def _work(question: FieldQuestion, candidates: Sequence[Candidate], alone: Sequence[BlockIncident]) -> Work | None:
+    """Return the recordings as working ones where that is likelier than all that was found for each of them.
+
+    Every recording is judged by itself: a check-up counts in full beside a day of work.
+    """
+    if without_gap(np.array([min(c.rest for c in candidates)]))[0]:
+        return None  # neither contact nor an unknown load is left to be explained
+    files = list(dict.fromkeys(s.recording.name for s in question.seen))
+    chosen = set[str]()
+    for name in files:
+        if len(files) == 1:
+            part, logs = question, [c.log for c in candidates] + [i.log for i in alone]
+        else:
+            part = replace(question, seen=tuple(s for s in question.seen if s.recording.name == name), step=None)
+            case = part.likelihood()
+            logs = [h.log for h in searched(case, [k for k, f in enumerate(part.forms) if f.columns])]
+            logs += [i.log for i in incidents(part, case, part.plain, lambda _: True)]
+        work = at_work(part, frozenset({name}))
+        if work is None or work.share <= FEW_BLOCKS:
+            continue
+        idle = work.case.likeliest((), work.case.machine.noise)
+        if idle.log <= max(logs):
+            continue
+        outside = _without_contact(part, part.plain)
+        if outside is None or outside[1].likeliest((), outside[1].machine.noise).log < idle.log:
+            chosen.add(name)  # contact in few rows and no load would leave the machine in the air
+    return at_work(question, frozenset(chosen)) if chosen else None
+
+
+def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Proposal], bool], gate: bool) -> Found:
+    """Return what may be a cause beside unknown loads; masses on the tool are such loads themselves."""
+    other, last = work.question, len(question.machine.regressors.model.machine.links) - 1
+    allowed = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
+    if gate:
+        allowed = _showing(other, work.case, allowed, without_gap(work.gaps))
+    if work.names == {s.recording.name for s in question.seen}:
+        allowed = [k for k in allowed if not (other.proposals[k].weighs and other.proposals[k].where == last)]
+    found = [Candidate(h, other) for h in searched(work.case, allowed)]
+    spills = (work.spill,) if work.spill and wanted(work.spill.proposal) else ()
+    return Found(other, work.case, tuple(found), spills, work.gaps, work)
+
+
+def _showing(question: FieldQuestion, case: Likelihood, allowed: list[int], still: Mask) -> list[int]:
+    """Return the forms whose largest torque is at a joint with a gap; what begins later, or is filtered, need not."""
+    found = []
+    for k in allowed:
+        form, p = question.forms[k], question.proposals[k]
+        columns = list(form.columns)
+        if p.course is TimeCourse.AFTER or form.name == GLITCH or not columns:
+            found.append(k)
+            continue
+        energy = case.gram.whole[:, columns, columns] / np.maximum(case.gram.rows, 1.0)[:, None]
+        if not np.all(still[np.argmax(energy, axis=0)]):
+            found.append(k)
+    return found
+
+
+def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
+    """Return the candidates; the most probable ones also with their shape parameters refined, with their columns at
+    their magnitudes, and with one effect more beside the first of them."""
+
+    def order(c: Candidate) -> float:
+        return -c.log
+
+    plain = sorted((c for c in candidates if c.incident is None), key=order)
+    single = [c for c in plain if len(c.hypothesis.forms) == 1]
+    sharper = {c: refined(c) for c in single[:SHAPED]}
+    better = [other for c, other in sharper.items() if other.log > c.log]
+    chosen = list(dict.fromkeys([*better, *plain[:AGAIN], *single[:AGAIN]]))
+    found = [*candidates, *better]
+    for c in chosen:
+        if c.hypothesis.forms and any(c.question.proposals[p].bends for p in c.hypothesis.forms):
+            if c in found:
+                found.remove(c)  # its linear evidence is wrong at its magnitude
+            found.append(corrected(c))
+    best = max(found, key=lambda c: c.log)
+    if best.question is not question and len(best.hypothesis.forms) == 1:
+        case = best.question.likelihood()
+        known = {c.hypothesis.forms for c in found if c.question is best.question}
+        for p in screened(case, best.hypothesis, allowed)[:AGAIN]:
+            more = case.with_one_more(best.hypothesis, p)
+            if more.forms not in known:
+                found.append(Candidate(more, best.question))
+    return found
+
+
+def refined(candidate: Candidate) -> Candidate:
+    """Return a candidate of one effect with its shape parameters refined: time constants, widths, powers, pivots.
+
+    Each parameter is searched from a coarse grid on, at half the distance in every round; the others stay.
+    """
+    question, (form,) = candidate.question, candidate.hypothesis.forms
+    proposal, best = question.proposals[form], candidate
+    if proposal.course or not shapes(proposal.group):
+        return candidate
+    regressors = question.machine.regressors
+    sources = [regressors.column_source(s.recording, s.rows) for s in question.seen]
+    twins = [regressors.column_source(replace(s.recording, values=s.twin), s.rows) for s in question.seen]
+    group = proposal.group
+    for shape in shapes(group):
+        tries = {shape.position(float(getattr(group[0], shape.field))): (best, group)}
+
+        def near(u: float, tries: dict[float, tuple[Candidate, Group]] = tries) -> bool:
+            return any(abs(v - u) < NEAR_SHAPE for v in tries)
+
+        for step in (None, *(STEP_OF_SHAPE * 0.5**k for k in range(FINER))):
+            first = max(tries, key=lambda v: tries[v][0].log)
+            for u in COARSE if step is None else (first - step, first + step):
+                if 0.0 <= u <= 1.0 and not near(u):
+                    own = shaped(group, {shape.field: shape.value(u)})
+                    other = proposal._replace(group=own)
+                    asked = replace(question, refined=_refined_by(question, other, sources, twins))
+                    h = asked.likelihood().hypothesis(
+                        (len(asked.forms) - 1,), candidate.hypothesis.noise, candidate.hypothesis.doubt
+                    )
+                    tries[u] = Candidate(h, asked), own
+        best, group = max(tries.values(), key=lambda t: t[0].log)
+    return best
+
+
+def _refined_by(
+    question: FieldQuestion, proposal: Proposal, sources: Sequence[ColumnSource], twins: Sequence[ColumnSource]
+) -> Refined:
+    """Return an effect with its columns along the recordings, and what the sensors' noise once more adds to these."""
+    columns = tuple(source.columns(proposal) for source in sources)
+    noisy = [twin.columns(proposal) for twin in twins]
+    plain = [
+        np.where(np.isnan(s.rows.residual[: len(n)])[..., None], np.nan, c[: len(n)])
+        for s, n, c in zip(question.seen, noisy, columns, strict=True)
+    ]
+    return Refined(proposal, columns, tuple(n - c for n, c in zip(noisy, plain, strict=True)))
+
+
+def corrected(candidate: Candidate) -> Candidate:
+    """Return a candidate with its effects taken out of the readings at their magnitudes, until these stay.
+
+    Errors of sensors and of geometry are not linear in their magnitude.
+    """
+    question, start, found = candidate.question, candidate.hypothesis, candidate
+    rows = sum(float(s.blocks.usable.sum()) for s in question.seen)
+    for _ in range(CORRECTIONS):
+        now = found.hypothesis
+        applied = _applied(question, now)
+        forms = question.forms
+        if any(np.linalg.norm(a.sizes[: forms[p].components]) > BEYOND * forms[p].high for p, a in applied):
+            break
+        other = question.corrected(applied)
+        case = other.likelihood()
+        if float(np.sum(case.gram.rows)) < KEPT_ROWS * rows:
+            break  # at these magnitudes the machine could not have moved so
+        found = Candidate(case.hypothesis(now.forms, now.noise, start.doubt), other)
+        if np.linalg.norm(found.hypothesis.sizes - now.sizes) < STILL * np.linalg.norm(found.hypothesis.sizes):
+            break
+    return found
+
+
+def _applied(question: FieldQuestion, h: Hypothesis) -> list[tuple[int, Applied]]:
+    """Return the effects of a hypothesis that bend, with their sizes [SI], by number of their form."""
+    found, k = [], 0
+    for p in h.forms:
+        form = question.forms[p]
+        sizes = h.sizes[k : k + len(form.columns)] * question.unit_of(p)
+        k += len(form.columns)
+        if question.proposals[p].bends:
+            found.append((p, Applied(question.proposals[p], sizes)))
+    return found

@@ -1,0 +1,51 @@
+"""Pressure with which a counterbalance (load-holding) valve brakes a cylinder that lowers its load."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place, ShapeRange
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+LEAST_FORCE = 1000.0  # N, force scale of the smooth sgn(F); chosen: far below the force of any arm at rest
+
+
+@dataclass(frozen=True, slots=True)
+class CounterbalancePressure:
+    """A counterbalance valve brakes a cylinder that lowers its load, F v < 0, and the pressure it takes is not in the
+    measured force: sgn(F) f (1 - `relief` |F|), zero beyond |F| = 1 / `relief`, zero while the cylinder lifts or rests.
+    f > 0: the pump must press on the other side to open the valve, and no sensor is there; a heavy load opens it with
+    less pilot pressure, (p_set - p_load) / ratio, which is the `relief`. f < 0: the sensor on the loaded side lies
+    beyond the valve."""
+
+    relief: float = 0.0  # 1/N, inverse of the force that opens the valve without any pilot pressure; 0: constant
+    rounding: float = 0.002  # m/s, speed scale of the smooth sgn(v)
+
+    @property
+    def about(self) -> About:
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        return About(
+            "counterbalance_pressure",
+            "N",
+            1000.0,  # 5 bar on 20 cm^2
+            9e4,  # 60 bar on 150 cm^2
+            Place.CYLINDER,
+            "while the cylinder lowers its load, nothing while it lifts or rests",
+            "lower and lift the same load at one slow speed, with a gauge on either side of the valve",
+            form=0.2,  # chosen: the pilot pressure oscillates, and depends on the flow
+        )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """Valves are set to open alone at 1.3 times the largest load: of small cylinders 50 kN."""
+        return (ShapeRange("relief", 0.0, 2e-5, log=True, shift=2e-6),)
+
+    def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
+        """Torques (T, N) of the cylinders per newton of f."""
+        force = moving.force[:, where]
+        sign = np.tanh(force / LEAST_FORCE)
+        lowers = np.maximum(-sign * np.tanh(moving.speed[:, where] / self.rounding), 0.0)
+        law = sign * lowers * np.maximum(1.0 - self.relief * np.abs(force), 0.0)
+        return np.asarray(law[:, None] * moving.lever[:, where, :])

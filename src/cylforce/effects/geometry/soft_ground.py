@@ -1,0 +1,55 @@
+"""Soft ground under tracks or wheels: the machine rocks under the moment of its own arm."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place, ShapeRange
+from cylforce.mechanics.bodies import bodies, rate
+from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.motion import Motion
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True, slots=True)
+class SoftGround:
+    """The machine pitches forward by psi = size [rad/(N m)] times the overturning moment of the arm's weight about the
+    middle of the tracks, `height` below the first pin. No sensor sees it: there is no tilt sensor, or it averages over
+    longer than a stroke. All links turn by -psi and their first pin moves. Every joint needs -(M_j psi'' + K_j psi)
+    more, M_j: inertia about the joint of links that turn about the middle of the tracks, K_j: change of their weight's
+    torque per radian. The mean of psi is a slope of the ground.
+
+    Two tracks of 0.6 m by 3.5 m on ground of 2 to 50 MN/m^3 turn by 5e-9 to 1e-7 rad/(N m), on bog by ten times
+    that."""
+
+    height: float = 2.0  # m, of the first pin above the ground
+
+    @property
+    def about(self) -> About:
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        return About(
+            "soft_ground",
+            "rad/(N m)",
+            1e-8,
+            1e-6,
+            Place.MACHINE,
+            "in all joints alike, with the reach of the arm and with its starts and stops",
+            "the same moves on concrete; or a level on the house, arm in and arm out",
+            1,
+            form=0.2,  # chosen: soil gives more at its edges, and creeps
+        )
+
+    @property
+    def shapes(self) -> tuple[ShapeRange, ...]:
+        """Height of a first pin: mini excavator 0.7 m, machine of 50 t 3 m."""
+        return (ShapeRange("height", 0.7, 3.0),)
+
+    def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
+        """Torques (T, N) of the cylinders per rad/(N m): M_j psi'' and K_j psi of a rotation -M_weight."""
+        arm = bodies(machine, moving)
+        middle = np.exp(1j * (moving.q[:, 0] - moving.a[:, 0])) * -complex(machine.slew_axis, self.height)
+        reach, outwards = arm.centres.real - middle.real[:, None], arm.velocity.real
+        moment = arm.specific.imag * (reach @ arm.masses)
+        quickened = rate(arm.specific.imag * (outwards @ arm.masses), t)
+        needed = arm.inertia(0, middle) * quickened[:, None] + arm.lowering(0, middle) * moment[:, None]
+        return np.asarray(-needed)

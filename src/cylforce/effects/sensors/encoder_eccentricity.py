@@ -1,0 +1,41 @@
+"""An angle encoder whose disc or magnet sits off the axis about which it turns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cylforce.effects.fault import About, Place
+from cylforce.mechanics.machine import Machine
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderEccentricity:
+    """An angle sensor mounted off its axis: reading = a + size sin(a), or with `across` a + size cos(a). Both together
+    are size sin(a - phase): one wave per turn, of the eccentricity divided by the radius of the track that is read."""
+
+    across: bool = False
+
+    @property
+    def about(self) -> About:
+        """Name, unit, plausible range and place of the effect, how it shows and how to confirm it."""
+        return About(
+            "encoder_eccentricity",
+            "rad",
+            0.004,  # 0.1 mm on a radius of 25 mm
+            0.08,  # 0.8 mm on a radius of 10 mm
+            Place.ANGLE,
+            "as a sine of that joint's angle, at rest too",
+            "the joint's angle at five poses over its range, against a level; then look at the sensor's seat",
+            axes=2,
+        )
+
+    def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
+        """The signals (T, S) with signal `where` changed to a + size sin(a), or with `across` a + size cos(a). The same
+        object where it is a length."""
+        if machine.signals[where].kind is Kind.CYLINDER_LENGTH:
+            return values
+        found, angle = values.copy(), values[:, where]
+        found[:, where] += size * (np.cos(angle) if self.across else np.sin(angle))
+        return found

@@ -1,0 +1,248 @@
+"""From evidence to probabilities, and to the answer that costs least."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cylforce.diagnosis.constants import (
+    CORRELATED_ROWS,
+    FEW_BLOCKS,
+    HEALTHY,
+    SAME_EVIDENCE,
+    SAME_MACHINE,
+    UNKNOWN_EFFECT,
+)
+from cylforce.diagnosis.decide import HypothesisEvidence, Verdict, costs, first_effect, one_answer
+from cylforce.diagnosis.likelihood import Form, Hypothesis, ResidualNoise
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, BlockIncident, Candidate, Found
+from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
+
+MASS, MOMENT, OTHER = ("extra_mass", "boom"), ("first_moment_change", "boom"), ("pressure_gain", "boom_head_pressure")
+SLEW, CONTACT = ("slew_centrifugal", "machine"), ("soil_contact", "bucket")
+FORMS = tuple(Form(*key, (k,), 1.0, 10.0) for k, key in enumerate((MASS, MOMENT, OTHER)))
+NOISE = ResidualNoise(np.ones(1), np.ones(1))
+LOUD = ResidualNoise(np.full(1, 100.0), np.full(1, 5.0))
+GAP = 5.0  # noise floors
+BLOCKS = 100
+
+
+def candidate(log, *forms, rest=None, noise=NOISE, known=FORMS):
+    """Return a hypothesis of some of the known forms; the healthy machine has the gap as residual."""
+    size, rest = np.ones(len(forms)), (1.0 if forms else GAP) if rest is None else rest
+    return Candidate(Hypothesis(forms, log, noise, size, 0.1 * size, rest), SimpleNamespace(forms=known, laid=None))
+
+
+def incident(key, log, share=0.1, rest=1.0, before=GAP):
+    """Return something that happens in a share of the blocks."""
+    sizes = (np.arange(BLOCKS) < share * BLOCKS).astype(np.float64)
+    return BlockIncident(key, None, sizes, log, rest, before, None)
+
+
+def evidence(*candidates, incidents=(), gap=GAP, forms=FORMS, healthy=None, **more):
+    """Return the evidence of hypotheses beside the healthy machine."""
+    healthy = candidate(0.0, rest=gap) if healthy is None else healthy
+    question, case = SimpleNamespace(forms=forms), SimpleNamespace(machine=SimpleNamespace(noise=NOISE))
+    return HypothesisEvidence(Found(question, case, (healthy, *candidates), tuple(incidents), np.array([gap])), **more)
+
+
+def test_probabilities_add_up_to_one_and_follow_the_evidence():
+    found = evidence(candidate(30.0, 0), candidate(20.0, 2))
+    assert sum(found.posterior.values()) == pytest.approx(1.0)
+    assert found.first == MASS
+    assert found.credible == (MASS,)
+    assert found.posterior[MASS] / found.posterior[OTHER] == pytest.approx(np.exp(10.0), rel=0.01)
+
+
+def test_without_evidence_the_prior_is_all_there_is():
+    """A machine is healthy with the stated probability; all names of the library share the remainder alike."""
+    found = evidence(*(candidate(0.0, k) for k in range(3)), healthy=candidate(0.0, rest=1.0), gap=1.0)
+    each = (1.0 - HEALTHY - UNKNOWN_EFFECT) / 3.0
+    odds = found.posterior[NO_GAP] / found.posterior[OTHER]
+    assert odds == pytest.approx(HEALTHY / each, rel=0.05)
+    assert found.posterior[MASS] == pytest.approx(found.posterior[OTHER])
+
+
+def test_an_effect_with_many_places_and_forms_is_no_more_probable_by_that():
+    more = (*FORMS, *(Form("pressure_gain", f"{k}", (3 + k,), 1.0, 10.0) for k in range(9)))
+    every = [candidate(0.0, k, known=more) for k in range(len(more))]
+    found = evidence(*every, healthy=candidate(0.0, rest=1.0), gap=1.0, forms=more).posterior
+    gains = sum(p for key, p in found.items() if key[0] == "pressure_gain")
+    assert gains == pytest.approx(found[MASS], rel=0.01)
+
+
+def test_a_second_effect_must_be_worth_its_prior():
+    one, both = candidate(30.0, 0), candidate(31.0, 0, 2)
+    found = evidence(one, both)
+    assert found.prior_of(both) < found.prior_of(one) - 2.0
+    assert found.weights[0][1] > found.weights[0][2]
+    assert found.posterior[MASS] > 0.99  # both have it as the main effect
+
+
+def test_the_main_effect_is_the_one_without_which_most_is_lost():
+    found = evidence(candidate(500.0, 2), candidate(10.0, 0), candidate(520.0, 0, 1, 2))
+    assert found.main(found.candidates[3]) == OTHER
+    assert found.without(found.candidates[3], MASS) == 500.0
+    assert found.best_of(OTHER) is found.candidates[3]
+
+
+def test_evidence_counts_less_beside_a_residual_that_nothing_explains():
+    def log_odds(rest):
+        found = evidence(candidate(40.0, 2, rest=rest))
+        return np.log(found.weights[0][1] / found.weights[0][0]) - found.prior_of(found.candidates[1]) + np.log(HEALTHY)
+
+    healthy = float(np.sqrt(1.0 + SAME_MACHINE))
+    assert log_odds(0.9) == pytest.approx(40.0)
+    assert log_odds(healthy) == pytest.approx(40.0)
+    assert log_odds(1e3) == pytest.approx(40.0 / CORRELATED_ROWS, rel=1e-3)
+    assert log_odds(1e3) < log_odds(2.0) < log_odds(1.5) < 40.0
+
+
+@pytest.mark.parametrize(("rest", "first"), [(5.0, OTHER), (60.0, UNKNOWN)])
+def test_a_law_leaves_a_share_of_a_large_gap_but_not_half_of_it(rest, first):
+    """Beside a noise that no healthy machine has: a twentieth of the gap is the law's, half of it nothing known."""
+    found = evidence(candidate(500.0, 2, rest=rest, noise=LOUD), gap=100.0)
+    assert found.posterior[first] > 0.9
+
+
+def test_a_hypothesis_that_explains_less_than_half_of_the_gap_is_no_cause():
+    assert evidence(candidate(500.0, 2, rest=0.6 * GAP)).first == OTHER
+    assert evidence(candidate(500.0, 2, rest=0.8 * GAP)).first == UNKNOWN
+
+
+def test_a_gap_that_no_healthy_machine_shows_excludes_a_healthy_machine():
+    plain = evidence(candidate(1.0, 2))
+    sure = replace(plain, sure=True)
+    assert plain.posterior[NO_GAP] > 0.3
+    assert sure.posterior[NO_GAP] == 0.0
+    assert sum(sure.posterior.values()) == pytest.approx(1.0)
+
+
+# Incidents
+
+
+@pytest.mark.parametrize(
+    ("key", "share", "first"),
+    [(SLEW, 0.2, SLEW), (SLEW, 0.9, SLEW), (CONTACT, 0.2, CONTACT), (CONTACT, 0.9, UNKNOWN), (UNKNOWN, 0.2, UNKNOWN)],
+)
+def test_contact_in_most_blocks_is_work_but_slewing_is_named_however_long_it_lasts(key, share, first):
+    assert 0.2 < FEW_BLOCKS < 0.9
+    found = evidence(incidents=[incident(key, 200.0, share)])
+    assert (found.first, found.posterior[found.first]) == (first, pytest.approx(1.0))
+
+
+@pytest.mark.parametrize("key", [UNKNOWN, CONTACT])
+def test_a_transient_that_changes_the_residual_by_no_more_than_a_healthy_machine_does_is_no_gap(key):
+    small = evidence(incidents=[incident(key, 30.0, before=1.2)], gap=1.2, healthy=candidate(0.0, rest=1.2))
+    assert small.first == NO_GAP
+    large = evidence(incidents=[incident(key, 30.0, before=1.8)], gap=1.8, healthy=candidate(0.0, rest=1.8))
+    assert large.first == key
+
+
+def test_a_transient_beside_a_lasting_effect_does_not_hide_it():
+    contact = incident(CONTACT, 60.0)
+    beside = replace(candidate(100.0, 2), incident=contact)
+    found = evidence(candidate(40.0, 2), beside, incidents=[contact])
+    assert found.first == OTHER
+    assert found.best_of(OTHER) is found.candidates[2]
+
+
+# Withdrawn causes
+
+
+def test_without_a_cause_the_others_have_all_probability():
+    """Bayes' rule among what remains."""
+    told = evidence(
+        candidate(100.0, 0), candidate(98.0, 2), candidate(120.0, 0, 2), incidents=[incident(CONTACT, 95.0)]
+    )
+    left = replace(told, withdrawn=frozenset({MASS}))
+    assert [c.hypothesis.forms for c in left.candidates] == [(), (2,)]
+    assert MASS not in left.posterior
+    assert sum(left.posterior.values()) == pytest.approx(1.0)
+    assert left.posterior[OTHER] > 0.5 > told.posterior[OTHER]
+    odds = left.posterior[OTHER] / left.posterior[CONTACT]
+    plain = evidence(candidate(98.0, 2), incidents=[incident(CONTACT, 95.0)]).posterior
+    assert odds == pytest.approx(plain[OTHER] / plain[CONTACT])
+    assert replace(left, withdrawn=frozenset({MASS, CONTACT})).incidents == []
+
+
+def test_where_every_cause_is_withdrawn_something_unknown_remains():
+    found = evidence(candidate(100.0, 0), sure=True, withdrawn=frozenset({MASS}))
+    assert first_effect(found) is None
+    assert found.first == UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("ahead", "one"), [(SAME_EVIDENCE - 0.1, True), (-SAME_EVIDENCE + 0.1, True), (SAME_EVIDENCE + 0.1, False)]
+)
+def test_a_mass_and_a_first_moment_of_a_link_that_no_evidence_separates_are_one_answer(ahead, one):
+    told = evidence(candidate(100.0 + ahead, 0), candidate(100.0, 1), candidate(90.0, 2))
+    after, same = one_answer(told)
+    first, other = (MASS, MOMENT) if ahead > 0.0 else (MOMENT, MASS)
+    assert same == ({first: other} if one else {})
+    assert (other in after.posterior) is not one
+    assert sum(after.posterior.values()) == pytest.approx(1.0)
+    if one:
+        assert after.posterior[first] == pytest.approx(told.posterior[first] + told.posterior[other], abs=0.01)
+
+
+def test_of_two_names_of_one_change_the_one_in_the_most_probable_hypothesis_stays():
+    after, same = one_answer(evidence(candidate(100.0, 0), candidate(99.0, 1), candidate(150.0, 1, 2)))
+    assert same == {MOMENT: MASS}
+    assert {c.hypothesis.forms for c in after.candidates} == {(), (1,), (1, 2)}
+
+
+def test_a_mass_beside_a_first_moment_in_the_most_probable_hypothesis_is_no_single_answer():
+    told = evidence(candidate(100.0, 0), candidate(99.0, 1), candidate(150.0, 0, 1))
+    assert one_answer(told) == (told, {})
+
+
+def test_a_mass_and_a_first_moment_of_different_links_are_two_answers():
+    forms = (FORMS[0], replace(FORMS[1], at="stick"), FORMS[2])
+    assert one_answer(evidence(candidate(100.0, 0, known=forms), candidate(99.0, 1, known=forms), forms=forms))[1] == {}
+
+
+# Costs
+
+
+def with_posterior(first, rivals, none):
+    """Return what `costs` reads of an evidence: probabilities, and the smallest set with nine tenths of them."""
+    posterior = {("one", "a"): first, NO_GAP: none}
+    posterior |= {("rival", str(k)): p for k, p in enumerate(rivals)}
+    posterior[UNKNOWN] = 1.0 - sum(posterior.values())
+    order, credible, mass = sorted(posterior, key=lambda key: -posterior[key]), [], 0.0
+    for key in order:
+        credible.append(key)
+        mass += posterior[key]
+        if mass >= 0.9:
+            break
+    return SimpleNamespace(posterior=posterior, credible=tuple(credible))
+
+
+@pytest.mark.parametrize(("first", "rival", "none", "cheapest"), [
+    (0.69, 0.03, 0.23, Verdict.AMBIGUOUS),  # nothing else may be it, but it is not as sure as a name must be
+    (0.82, 0.0, 0.1, Verdict.EXPLAINED),
+    (0.3, 0.05, 0.6, Verdict.NO_GAP),
+    (0.05, 0.05, 0.1, Verdict.UNKNOWN),
+    (0.5, 0.4, 0.05, Verdict.AMBIGUOUS),
+    (0.0, 0.0, 0.9, Verdict.NO_GAP),
+])  # fmt: skip
+def test_the_answer_costs_least_and_one_name_alone_is_sure(first, rival, none, cheapest):
+    found = costs(with_posterior(first, [rival] if rival else [], none), ("one", "a"))
+    assert min(found, key=found.__getitem__) is cheapest
+    assert (Verdict.EXPLAINED in found) == (first >= 0.8)
+
+
+def test_a_set_of_many_is_no_better_than_unknown():
+    """Two candidates are worth a look at each; ten that share the same probability are not."""
+    two, ten = (costs(with_posterior(0.8 / n, [0.8 / n] * (n - 1), 0.1), ("one", "a")) for n in (2, 10))
+    assert min(two, key=two.__getitem__) is Verdict.AMBIGUOUS
+    assert min(ten, key=ten.__getitem__) is Verdict.UNKNOWN
+
+
+def test_all_free_torques_are_one_unknown_cause():
+    forms = (*FORMS, Form(UNKNOWN_TORQUE, "boom", (3,), 1.0, 10.0), Form(UNKNOWN_TORQUE, "stick", (4,), 1.0, 10.0))
+    found = evidence(*(candidate(log, k, known=forms) for log, k in ((100.0, 3), (100.0, 4), (80.0, 2))), forms=forms)
+    assert found.first == UNKNOWN
+    assert set(found.posterior) == {NO_GAP, UNKNOWN, OTHER}
