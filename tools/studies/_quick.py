@@ -40,7 +40,8 @@ class Recorded:
         usable = np.stack([moved.usable[:, list(acting)].all(axis=1) for acting in model.acting], axis=-1)
         ago = _since(~usable)
         self._waiting = np.maximum(model.settle_steps - ago, 0)
-        self.steps, self.state = 0, None
+        self.steps = 0
+        self.state: Numbers | None = None
 
     def receive(self, frames: Sequence[Frame], moving: Numbers) -> None:
         """As the assembler: there are no frames."""
@@ -92,7 +93,7 @@ class _NoForces(ForceEstimator):
 
     __slots__ = ()
 
-    def update(self, *rest: object) -> Forces:  # type: ignore[override]  # nothing of it is looked at
+    def update(self, *rest: object) -> Forces:  # none of it is used
         """Return none."""
         del rest
         nothing = invalid_force(Reason.STARTING)

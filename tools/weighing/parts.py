@@ -27,7 +27,7 @@ WAYS = ("without", "whole", "evidence", "largest")
 
 class Parts(NamedTuple):
     """Of B bookings of one machine, as shares of its rated payload: true error (B,); variances (B, 5) in the order of
-    `Variances`; what unnoticed errors of signals add by each of WAYS (B, 4): nothing; the errors that explain the
+    `Variances`; what undetected errors of signals add by each of WAYS (B, 4): nothing; the errors that explain the
     torques best, each by itself, in squares; as far as there is evidence that a signal is off (as the service does); of
     that the largest one alone."""
 
@@ -85,7 +85,7 @@ def _booked(
 
 def _ways(core: Core, drift: DriftKnowledge, lifted: Weighed, probable: ProbableErrors) -> tuple[float, ...]:
     whole, counted = (
-        core.bookings.variances(lifted, drift, core.tares, sizes).unnoticed
+        core.bookings.variances(lifted, drift, core.tares, sizes).undetected
         for sizes in (probable.sizes, probable.expected)
     )
     slopes = np.zeros_like(probable.sizes) if lifted.slopes is None else lifted.slopes

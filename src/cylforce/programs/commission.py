@@ -204,7 +204,7 @@ async def _lifted(daemon: Daemon, known_kg: float, console: Console) -> bool:
     with Screen(console) as screen:
 
         def look() -> None:
-            estimate = daemon.state.estimate
+            estimate = daemon.weighing.estimate
             head, say = status_line(estimate, daemon.counts, daemon.bus), _lift_advice(daemon, known_kg)
             screen.show(Text(f"{head}\n\n> {say}", style="bold"), "lift", say)
             if estimate.booking is not None:
@@ -213,13 +213,13 @@ async def _lifted(daemon: Daemon, known_kg: float, console: Console) -> bool:
         await serve(daemon, until, look, LOOK_S)
     if daemon.log is not None and daemon.log.failure:
         raise RecordingError(daemon.log.failure)
-    return daemon.state.estimate.booking is not None
+    return daemon.weighing.estimate.booking is not None
 
 
 def _lift_advice(daemon: Daemon, known_kg: float) -> str:
-    if daemon.state.pipe is None:
-        return f"nothing can be measured: {daemon.state.estimate.gross.reason.name.lower().replace('_', ' ')}"
-    if daemon.state.estimate.booking is not None:
+    if daemon.weighing.pipeline.state is None:
+        return f"nothing can be measured: {daemon.weighing.estimate.gross.reason.name.lower().replace('_', ' ')}"
+    if daemon.weighing.estimate.booking is not None:
         return "booked: the machine may rest"
     if daemon.weighing.bookings.candidate is None:
         return f"lift {known_kg:g} kg clear of the ground and move it up and down for some seconds"

@@ -52,9 +52,13 @@ class Estimator:
         return found
 
 
-@cache
 def kinds(estimator: type) -> dict[str, Any]:
     """Return the types of an estimator's state by the names of the fields."""
+    return _kinds(estimator)
+
+
+@cache
+def _kinds(estimator: type) -> dict[str, Any]:
     hints = get_type_hints(estimator)
     names = [field.name for field in fields(estimator)]
     return {name: hints[name] for name in names if not _is_constant(hints[name])}

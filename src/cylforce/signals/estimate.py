@@ -157,7 +157,13 @@ class Force:
 
     def changed(self, change: Callable[[Quantity], Quantity]) -> "Force":
         """Return the force with each published quantity changed by `change`."""
-        return Force(*(change(quantity) for quantity in self.quantities), covariance=self.covariance)
+        return Force(
+            x=change(self.x),
+            z=change(self.z),
+            magnitude=change(self.magnitude),
+            direction=change(self.direction),
+            covariance=self.covariance,
+        )
 
 
 def invalid_force(reason: Reason) -> Force:

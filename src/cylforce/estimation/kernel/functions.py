@@ -4,15 +4,15 @@ function does stands in the file that is named above it."""
 from collections.abc import Callable
 from typing import Protocol
 
-from cylforce.estimation.kernel.drifting import KernelDrift
-from cylforce.estimation.kernel.inputs import KernelInputs
-from cylforce.estimation.kernel.plan import KernelPlan, KernelSensors
+# other names than the classes' own, because the protocol's attributes have those
+from cylforce.estimation.kernel.drifting import KernelDrift as Drift
+from cylforce.estimation.kernel.inputs import KernelInputs as Inputs
+from cylforce.estimation.kernel.plan import KernelPlan as Plan
+from cylforce.estimation.kernel.plan import KernelSensors as Sensors
 from cylforce.estimation.kernel.restricted import Counts, Numbers
-from cylforce.estimation.kernel.solver import KernelSolver
+from cylforce.estimation.kernel.solver import KernelSolver as Solver
 from cylforce.signals.estimate import Array
 
-# under names of their own, because the protocol has attributes of the classes' names
-Inputs, Sensors, Plan, Solver, Drift = KernelInputs, KernelSensors, KernelPlan, KernelSolver, KernelDrift
 Flat = Numbers | Array  # what is written by the kernel is Python's own array, what is only read may be NumPy's
 
 

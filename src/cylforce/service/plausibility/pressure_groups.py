@@ -99,7 +99,7 @@ class GroupStatistics(Estimator):
     @property
     def since(self) -> Array:
         """Number (P,) of groups since noise is gone."""
-        return np.frombuffer(self.noise).reshape(NOISES + 1, -1)[-1]
+        return np.asarray(np.frombuffer(self.noise).reshape(NOISES + 1, -1)[-1])
 
     @property
     def gone(self) -> Mask:
