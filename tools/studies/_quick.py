@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.estimation.kernel.inputs import NEVER
 from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.service.contact.interaction import ForceEstimator, Forces
@@ -28,6 +29,7 @@ class Recorded:
     rows."""
 
     arrivals_us: Numbers = array("d")
+    long_us = NEVER
 
     def __init__(self, core: Core, values: Array, first: int) -> None:
         self._core, self._values, self._first, self._k = core, values, first, 0
@@ -45,6 +47,11 @@ class Recorded:
 
     def receive(self, frames: Sequence[Frame], moving: Numbers) -> None:
         """As the assembler: there are no frames."""
+
+    def spoofed(self, t_us: int) -> bool:
+        """As the assembler: there are no frames."""
+        del t_us
+        return False
 
     def sample(self, t_us: int) -> Sample:
         """As the assembler: the recorded one."""

@@ -15,7 +15,7 @@ been of the time after it, some of them in the air, there is no older evidence t
 
 from array import array
 from dataclasses import dataclass
-from math import exp, log, pi, sqrt
+from math import exp, inf, log, pi, sqrt
 from typing import ClassVar, Self
 
 import numpy as np
@@ -67,7 +67,7 @@ class LeapTest:
     signals:   (P,) numbers of the pressures
     exchanges: what may be exchanged, as numbers of pressures: the sides of a cylinder; two cylinders' nodes
     every:     steps between two readings: no signal is repeated because it is sent less often
-    least:     log likelihood ratio from which on a leap is suspected
+    least:     log likelihood ratio from which on a leap is suspected; infinite for a machine without pressures
     gate:      (P,) change within a reading below which nothing is tested: half of the least leap that could be
                suspected, that of two signals [Pa]
     """
@@ -77,7 +77,8 @@ class LeapTest:
         own = [machine.signals[k] for k in self.signals]
         self.exchanges = _exchanges(machine)
         self.every = max(1, round(max((s.period_s for s in own), default=0.0) * rate_hz))
-        self.least = log(3600.0 * HOURS * rate_hz * (len(own) + len(self.exchanges)))
+        tests = 3600.0 * HOURS * rate_hz * (len(own) + len(self.exchanges))
+        self.least = log(tests) if tests else inf
         self._noise = np.array([max(s.standard_error, RESOLVED) ** 2 for s in own])  # variance (P,) [Pa^2]
         self._curves = _curves()
         self._rise = float(self._curves[BEFORE:, -1].sum())  # of the orthonormal step
