@@ -2,7 +2,7 @@
 
 from array import array
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from math import inf, nan
 from struct import Struct
@@ -154,10 +154,15 @@ class Assembler(Estimator):
     def start(cls, constants: AssemblerConstants) -> Self:
         """Return the state before any frame."""
         layout = constants.layout
-        empty = Channel(nan, NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
-        parts = [*astuple(empty) * layout.signals, *astuple(PdoRate()) * layout.pdos]
-        parts += [*astuple(LastHeartbeat()) * layout.nodes, 0, 0, 0, NEVER, NEVER]
-        return cls(constants, numbers(parts))
+        made = cls(constants, ZERO * layout.size)
+        for number in range(layout.signals):
+            made._put(layout.signal(number), Channel.without_value(Reason.SIGNAL_MISSING))
+        for number in range(layout.pdos):
+            made._put(layout.pdo(number), PdoRate())
+        for number in range(layout.nodes):
+            made._put(layout.node(number), LastHeartbeat())
+        made.state[layout.long_us] = made.state[layout.foreign_us] = NEVER
+        return made
 
     def receive(self, frames: Sequence[Frame], moving: Numbers | None = None) -> None:
         """Judge frames: length and range are checked, unknown identifiers are counted.
@@ -223,9 +228,8 @@ class Assembler(Estimator):
         for number, (node, _) in enumerate(constants.supervisor.pdos):
             if node.node_id == node_id:
                 self._put(layout.pdo(number), PdoRate())
-        lost = Channel(nan, NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0)
         for k in {s.signal for d in constants.decoders.values() if d.node_id == node_id for s in d.slots}:
-            self._put(layout.signal(k), replace(lost, leapt=self.channels[k].leapt))
+            self._put(layout.signal(k), Channel.without_value(Reason.NOT_OPERATIONAL, self.channels[k].leapt))
 
     def _put(self, place: slice, what: Channel | PdoRate | LastHeartbeat) -> None:
         self.state[place] = numbers(astuple(what))

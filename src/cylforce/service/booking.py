@@ -65,7 +65,16 @@ def weighed(lift: Lift, parameters: int, tilt: float | None, slopes: Array | Non
     """
     gain, noise = lift.covariance[0] @ lift.gram, float(lift.covariance[0, 0])
     mass, drifted = float(lift.values[0]), gain[parameters:]
-    return Weighed(mass, noise, gain[:parameters], drifted, lift.moving, tilt, slopes, lift.tilt)
+    return Weighed(
+        mass,
+        noise=noise,
+        gain=gain[:parameters],
+        drifted=drifted,
+        moving=lift.moving,
+        tilt=tilt,
+        slopes=slopes,
+        hung=lift.tilt,
+    )
 
 
 @dataclass(frozen=True, slots=True)

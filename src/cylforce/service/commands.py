@@ -182,7 +182,17 @@ def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[B
     if not 0.0 < mass <= most:
         return None, Ruling(truck, TOO_FAR, f"bucket by hand refused: {mass:.1f} kg is not above 0 to {most:.0f} kg")
     number = last.number + 1 if last else 1
-    made = Booking(number, t_us, mass, 0.0, 0.0, 0.0, mass, 0.0, by_hand=True)
+    made = Booking(
+        number,
+        t_us,
+        mass,
+        standard_error=0.0,
+        carry_back=0.0,
+        carry_back_error=0.0,
+        dumped=mass,
+        dumped_error=0.0,
+        by_hand=True,
+    )
     return made, Ruling(loaded(truck, made, 0.0), DONE, f"booking {number} by hand: {mass:.1f} kg")
 
 

@@ -86,7 +86,17 @@ class Recognizer(Estimator):
     @classmethod
     def start(cls, constants: RecognizerConstants) -> Self:
         """Return the state before any sample."""
-        return cls(constants, ZERO * constants.size**2, 0, 0, constants.nothing, 0.0, 0, 0, another=False)
+        return cls(
+            constants,
+            gram=ZERO * constants.size**2,
+            rows=0,
+            steps=0,
+            sum=constants.nothing,
+            weight=0.0,
+            blocks=0,
+            misfits=0,
+            another=False,
+        )
 
     def interrupt(self) -> None:
         """Begin another block: the measurement stopped, or the block has ended."""

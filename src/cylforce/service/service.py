@@ -149,7 +149,14 @@ class WeighingService(Estimator):
     def memory(self) -> Memory:
         """What a restart does not change."""
         books = self.bookings
-        return Memory(self.scale, self.truck, books.booking, self.tool, books.candidate, unconfirmed=books.unconfirmed)
+        return Memory(
+            scale=self.scale,
+            truck=self.truck,
+            booking=books.booking,
+            tool=self.tool,
+            hanging=books.candidate,
+            unconfirmed=books.unconfirmed,
+        )
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Replace the state by a copy of what `snapshot` returned."""
@@ -436,8 +443,16 @@ class WeighingService(Estimator):
         limits, rated = self.core.gross_limits, self.fitted.service.machine.rated_payload
         gross = within(less(mass, self.scale.zero), limits, rated)
         net = within(less(gross, self.scale.tare), limits, rated) if self.scale.tare else gross
-        events = self.force.contact.events
-        return Estimate(t_us, load, gross, net, resultant, self.bookings.booking, soil, events)
+        return Estimate(
+            t_us,
+            load=load,
+            gross=gross,
+            net=net,
+            force=resultant,
+            booking=self.bookings.booking,
+            soil=soil,
+            events=self.force.contact.events,
+        )
 
     def _doubts(self, t_us: int) -> list[Reason]:
         """Return the reasons why nothing that is published now is OK."""

@@ -222,7 +222,7 @@ class Load:
 
     def changed(self, change: Callable[[Quantity], Quantity]) -> "Load":
         """Return the load with each quantity changed by `change`."""
-        return Load(*(change(quantity) for quantity in self.quantities))
+        return Load(change(self.mass), change(self.centre_x), change(self.centre_z))
 
 
 def invalid_load(reason: Reason) -> Load:
@@ -258,7 +258,16 @@ class Estimate:
 def no_estimate(t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()) -> Estimate:
     """Return an estimate without any value; the last booking and the last events stay."""
     nothing, no_force = invalid(reason), invalid_force(reason)
-    return Estimate(t_us, invalid_load(reason), nothing, nothing, no_force, booking, no_force, events)
+    return Estimate(
+        t_us,
+        load=invalid_load(reason),
+        gross=nothing,
+        net=nothing,
+        force=no_force,
+        booking=booking,
+        soil=no_force,
+        events=events,
+    )
 
 
 def held_estimate(last: Estimate, t_us: int, reason: Reason) -> Estimate:

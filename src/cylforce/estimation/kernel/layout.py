@@ -119,6 +119,7 @@ class InputLayout:
     short, long: numbers of frames shorter or longer than their mapping
     long_us:     time of the last frame that was too long [us]
     foreign_us:  time of the last frame of another node with one of our identifiers [us]
+    size:        of all numbers
     """
 
     def __init__(self, signals: int, pdos: int, nodes: int) -> None:
@@ -127,6 +128,7 @@ class InputLayout:
         self._nodes = self._pdos + SENDER * pdos
         counters = self._nodes + SENDER * nodes
         self.unknown, self.short, self.long, self.long_us, self.foreign_us = range(counters, counters + 5)
+        self.size = counters + 5
         self.arrivals = slice(1, self._pdos, SIGNAL)
         self.second_us = slice(self._pdos + 2, self._nodes, SENDER)
 

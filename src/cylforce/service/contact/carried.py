@@ -53,7 +53,7 @@ class CarriedFilter(Estimator):
     @classmethod
     def start(cls, constants: CarriedConstants) -> Self:
         """Return the state in which nothing is known of the load."""
-        return cls(constants, ZERO * 4, constants.before, 0.0, known=False)
+        return cls(constants, values=ZERO * 4, weighed=constants.before, filling=0.0, known=False)
 
     def forget(self) -> None:
         """Forget the load after an interruption of the measurement."""

@@ -70,8 +70,18 @@ class ContactDetector(Estimator):
     @classmethod
     def start(cls, constants: ContactConstants) -> Self:
         """Return the state before anything is seen."""
-        recent = ZERO * (2 * (constants.window + 1))
-        return cls(constants, False, 0.0, 0.0, 0.0, AGAIN_S, recent, NO_COURSE, 0, ())
+        return cls(
+            constants,
+            touching=False,
+            away=0.0,
+            seconds=0.0,
+            path=0.0,
+            since_stiff=AGAIN_S,
+            recent=ZERO * (2 * (constants.window + 1)),
+            course=NO_COURSE,
+            number=0,
+            events=(),
+        )
 
     def interrupt(self) -> None:
         """Forget all but the events after an interruption of the measurement."""

@@ -80,8 +80,13 @@ class ForceEstimator(Estimator):
     @classmethod
     def start(cls, constants: ForceConstants) -> Self:
         """Return the state before any sample."""
-        noise, carried = TorqueNoise.start(constants.noise), CarriedFilter.start(constants.carried)
-        return cls(constants, noise, carried, ContactDetector.start(constants.contact), no_forces())
+        return cls(
+            constants,
+            noise=TorqueNoise.start(constants.noise),
+            carried=CarriedFilter.start(constants.carried),
+            contact=ContactDetector.start(constants.contact),
+            recent=no_forces(),
+        )
 
     def interrupt(self) -> None:
         """Keep learned errors and events after an interruption of the measurement."""

@@ -75,7 +75,7 @@ class BaseFilter(Estimator):
     @classmethod
     def start(cls, constants: BaseConstants) -> Self:
         """Return the state of a base that has not moved."""
-        return cls(constants, 0.0, 0.0, 0.0, (), 0.0, 0, array("d"))
+        return cls(constants, forward=0.0, upward=0.0, turning=0.0, pitches=(), total=0.0, number=0, wider=array("d"))
 
     def interrupt(self) -> None:
         """Begin the mean pitches anew after a gap in the samples."""

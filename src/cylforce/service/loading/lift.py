@@ -64,7 +64,16 @@ class Lift(Estimator):
         """
         root, nothing = known(np.zeros(4), spread), np.zeros((4, parameters))
         marks = information(root, nothing)[None]
-        return cls(lift_numbers(root, nothing), 0, 0, 0, ZERO * rows, marks, (Look(0, None),), mixed=mixed)
+        return cls(
+            lift_numbers(root, nothing),
+            taken=0,
+            refused=0,
+            moving=0,
+            rested=ZERO * rows,
+            marks=marks,
+            looks=(Look(0, None),),
+            mixed=mixed,
+        )
 
     @property
     def root(self) -> Root:
@@ -118,9 +127,17 @@ class Lift(Estimator):
         marks = np.concatenate([self.marks[at:], now[None]]) - self.marks[at] + nothing
         root, gram = root_and_gram(marks[-1])
         looks = tuple(Look(look.moving - begun.moving, look.tilt) for look in (*self.looks[at:], last))
-        taken = (len(marks) - 1) * every
-        moving = looks[-1].moving
-        return Lift(lift_numbers(root, gram), taken, 0, moving, self.rested, marks, looks, self.mixed, begun.tilt)
+        return Lift(
+            lift_numbers(root, gram),
+            taken=(len(marks) - 1) * every,
+            refused=0,
+            moving=looks[-1].moving,
+            rested=self.rested,
+            marks=marks,
+            looks=looks,
+            mixed=self.mixed,
+            tilt=begun.tilt,
+        )
 
 
 def lift_numbers(root: Root, gram: Array, estimate: tuple[Array, Array] | None = None) -> Numbers:

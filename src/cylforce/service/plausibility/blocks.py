@@ -97,7 +97,7 @@ class Block:
 def no_blocks(signals: int) -> Block:
     """Return no blocks, of so many signals."""
     one, each = np.zeros((0, 1)), np.zeros((0, signals))
-    return Block(one, one, one, one, each, each, each)
+    return Block(left=one, mass=one, spread=one, weight=one, linear=each, square=each, slope=each)
 
 
 def cost(block: Block, x: Array | float, rated: float) -> Array:
@@ -218,10 +218,18 @@ class BlockGatherer(Estimator):
     @classmethod
     def start(cls, constants: BlockConstants) -> Self:
         """Return an empty block."""
-        c, size = constants, len(constants.prior) + constants.size + 1
-        errors, ways = np.zeros((c.rows, c.size)), np.zeros(len(c.model.machine.cylinders))
-        nothing = np.zeros((size, size))
-        return cls(c, np.zeros(LOAD), ZERO * size**2, nothing, errors, rows=0, samples=0, ways=ways, block=None)
+        size = len(constants.prior) + constants.size + 1
+        return cls(
+            constants,
+            load=np.zeros(LOAD),
+            gram=ZERO * size**2,
+            last=np.zeros((size, size)),
+            errors=np.zeros((constants.rows, constants.size)),
+            rows=0,
+            samples=0,
+            ways=np.zeros(len(constants.model.machine.cylinders)),
+            block=None,
+        )
 
     @property
     def ended(self) -> bool:

@@ -107,8 +107,15 @@ class DrivenTool(Detector):
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
         """Return the state in which nothing was driven."""
-        strain = np.zeros(len(machine.model.machine.rows))
-        return cls(machine.constants(DrivenConstants), 0.0, strain, False, 0.0, (0.0, 0.0), 0.0)
+        return cls(
+            machine.constants(DrivenConstants),
+            path=0.0,
+            strain=np.zeros(len(machine.model.machine.rows)),
+            drives=False,
+            alone=0.0,
+            first=(0.0, 0.0),
+            opposite=0.0,
+        )
 
     @property
     def level(self) -> Level:

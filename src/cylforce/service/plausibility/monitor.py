@@ -47,9 +47,13 @@ class Monitor(Estimator):
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
         """Return the state before any sample: nothing is suspected."""
-        groups, blocks = PressureGroups.start(machine.groups), BlockGatherer.start(machine.blocks)
-        detectors = {kind.__name__: kind.start(machine) for kind in DETECTORS}
-        made = cls(machine, groups, blocks, UndetectedErrors.start(machine.blocks), detectors)
+        made = cls(
+            machine,
+            groups=PressureGroups.start(machine.groups),
+            blocks=BlockGatherer.start(machine.blocks),
+            undetected=UndetectedErrors.start(machine.blocks),
+            detectors={kind.__name__: kind.start(machine) for kind in DETECTORS},
+        )
         made.reports = made._reports()
         return made
 

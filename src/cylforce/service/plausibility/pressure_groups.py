@@ -161,7 +161,16 @@ class PressureGroups(Estimator):
     def start(cls, constants: GroupConstants) -> Self:
         """Return the state before any reading."""
         size, empty = len(constants.signals), array("d")
-        return cls(constants, empty, 0, GroupStatistics.start(size), GroupStatistics.start(size), empty, inf, empty)
+        return cls(
+            constants,
+            readings=empty,
+            fresh=0,
+            motion=GroupStatistics.start(size),
+            rest=GroupStatistics.start(size),
+            now=empty,
+            lowest=inf,
+            ratios=empty,
+        )
 
     @property
     def recent(self) -> Array:

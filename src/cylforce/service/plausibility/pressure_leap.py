@@ -264,8 +264,19 @@ class PressureLeap(Detector):
     def start(cls, machine: MonitoredMachine) -> Self:
         """Return the state before any reading."""
         constants, empty = machine.constants(LeapConstants), array("d")
-        reversals = Reversals.start(constants.reversals)
-        return cls(constants, reversals, empty, empty, 0, empty, 0, since=0, votes=0.0, seconds=0, in_air=0)
+        return cls(
+            constants,
+            reversals=Reversals.start(constants.reversals),
+            readings=empty,
+            before=empty,
+            steps=0,
+            arrivals=empty,
+            late=0,
+            since=0,
+            votes=0.0,
+            seconds=0,
+            in_air=0,
+        )
 
     def interrupt(self, why: Interruption) -> None:
         """Forget the readings: the filters begin anew. Suspect pressures that were outside their range, unless another

@@ -56,7 +56,7 @@ class Reversals(Estimator):
     def start(cls, constants: ReversalConstants) -> Self:
         """Return the state in which nothing has turned."""
         size = len(constants.model.machine.cylinders)
-        return cls(constants, array("d", [-inf]) * size, ZERO * size)
+        return cls(constants, at=array("d", [-inf]) * size, way=ZERO * size)
 
     def clear(self) -> None:
         """Forget all reversals: the filters begin anew."""

@@ -66,7 +66,15 @@ class UndetectedErrors(Estimator):
         """Return the state before any sample."""
         size, none = len(constants.prior) + constants.size + 1, np.zeros(constants.size)
         lift, torques = np.zeros((size, size)), np.zeros((constants.rows, constants.size))
-        return cls(constants, lift, lift[LOAD:, LOAD:], 0, ProbableErrors(none, none), none, torques)
+        return cls(
+            constants,
+            lift=lift,
+            before=lift[LOAD:, LOAD:],
+            taken=0,
+            probable=ProbableErrors(none, none),
+            slopes=none,
+            torques=torques,
+        )
 
     def end_lift(self) -> None:
         """Begin another lift: it has ended, or the measurement stopped."""

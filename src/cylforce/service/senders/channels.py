@@ -2,6 +2,8 @@
 `InputLayout` names; the order of the fields is that of the kernel."""
 
 from dataclasses import dataclass
+from math import nan
+from typing import Self
 
 from cylforce.estimation.kernel.inputs import NEVER
 from cylforce.signals.estimate import Reason
@@ -39,10 +41,15 @@ class Channel:
     leapt: float = 0.0
     since_us: float = NEVER
 
+    @classmethod
+    def without_value(cls, reason: Reason, leapt: float = 0.0) -> Self:
+        """Return a signal of which no value was accepted."""
+        return cls(nan, t_us=NEVER, seen_us=NEVER, reason=reason, good=0.0, equal=0.0, jumps=0.0, leapt=leapt)
+
 
 @dataclass(frozen=True, slots=True)
 class FrameCounters:
-    """Numbers of frames with an unknown identifier, too short, too long.
+    """Numbers of frames that were not as expected.
 
     unknown: with an identifier of no sensor
     short:   shorter than their mapping
