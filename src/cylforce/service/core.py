@@ -1,7 +1,6 @@
 """The settings of a service and its tares, with everything that is computed from them once."""
 
 from collections.abc import Mapping
-from functools import cached_property
 
 from cylforce.estimation.model import Model, Tares
 from cylforce.mechanics.installation import STANDARD, Service
@@ -27,6 +26,7 @@ class Core(Constants):
     service:      settings of the machine file
     tares:        parameters of the empty machine
     attached:     tares with each other tool, by its name
+    fitted:       the core with each tool, by its name
     model:        whose parameters the tares are
     adapts:       whether friction and zeros are adapted. Not for tares from the data sheet: the adaptation would follow
                   their errors
@@ -56,9 +56,6 @@ class Core(Constants):
         self.force = ForceConstants(model, tares, magnitude.high, force_delay_s(service.filters, force_period_s))
         self.monitor = MonitoredMachine(model, tares, magnitude.high)
         self.encoders = Encoders(service.publication)
-
-    @cached_property
-    def fitted(self) -> dict[str, "Core"]:
-        """The core with each tool, by its name."""
-        others = {name: Core(self.service.fitted(name), tares) for name, tares in self.attached.items()}
-        return {STANDARD: self, **others}
+        # no cached property: it would make the look-up of every other field slower
+        others = {name: Core(service.fitted(name), own_tares) for name, own_tares in self.attached.items()}
+        self.fitted: dict[str, Core] = {STANDARD: self, **others}

@@ -2,8 +2,8 @@
 
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import replace
+from functools import lru_cache
 from itertools import accumulate, pairwise
 from math import lcm, nan, pi, sin, sqrt, tan
 from operator import attrgetter
@@ -249,21 +249,19 @@ def encoder(table: tuple[Pdo, ...]) -> Encoder:
     return Encoder(places, layouts, values, choice.chosen().quantise, limits, counts([0] * len(fields)), whole.pack)
 
 
-@dataclass(frozen=True)
 class Encoders:
-    """The encoders of our TPDOs."""
+    """The encoders of our TPDOs.
 
-    pdos: tuple[Pdo, ...]
+    together: function that returns the encoder of the PDOs with these numbers, which are sent together
+    """
 
-    @cached_property
-    def of(self) -> Callable[[tuple[int, ...]], Encoder]:
-        """Gives that of some of them, by their numbers: those that are sent together."""
-        numbered = {pdo.number: pdo for pdo in self.pdos}
-        return lru_cache(maxsize=64)(lambda wanted: encoder(tuple(numbered[number] for number in wanted)))
+    def __init__(self, pdos: tuple[Pdo, ...]) -> None:
+        numbered = {pdo.number: pdo for pdo in pdos}
+        self.together = lru_cache(maxsize=64)(lambda wanted: encoder(tuple(numbered[number] for number in wanted)))
 
     def due(self, estimate: Estimate, numbers: tuple[int, ...]) -> list[tuple[int, bytes]]:
         """Return (number, data) of the PDOs with these numbers: only what is sent is encoded."""
-        return self.of(numbers).data(estimate) if numbers else []
+        return self.together(numbers).data(estimate) if numbers else []
 
     def data(self, estimate: Estimate, number: int) -> bytes:
         """Return the data of one PDO."""

@@ -1,8 +1,6 @@
 """Who sends: whether each node's heartbeat goes on, whether only one node sends each identifier, and whether another
 node sends ours."""
 
-from functools import cached_property
-
 from cylforce.mechanics.installation import SensorNode, Service
 from cylforce.signals.layout import Pdo
 
@@ -28,11 +26,6 @@ class Supervisor:
         self.periods_us = tuple(1e6 * pdo.period_s * (1.0 - FAST_CLOCK) for _, pdo in self.pdos)
         self.patience_us = tuple(1e6 * CONSUMER_FACTOR * node.heartbeat_s for node, _ in self.pdos)
         self.senders = tuple(self.nodes[_HEARTBEAT + node.node_id] for node, _ in self.pdos)
-        self._service = service
-
-    @cached_property
-    def ours(self) -> frozenset[int]:
-        """The identifiers that only our node sends."""
-        own = self._service.node_id
-        pdos = (pdo.can_id for pdo in self._service.publication)
-        return frozenset({*pdos, _EMERGENCY + own, _ANSWER + own, _HEARTBEAT + own})
+        own = service.node_id
+        published = (pdo.can_id for pdo in service.publication)
+        self.ours = frozenset({*published, _EMERGENCY + own, _ANSWER + own, _HEARTBEAT + own})
