@@ -4,6 +4,7 @@ import asyncio
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -162,9 +163,9 @@ async def weight_by_pdo_and_sdo(scales, peer):
 async def commands_that_are_refused(scales, peer):
     was = scales.mass
     wrong = await peer.ask(download=(0x6125, 1, "UNSIGNED32", 1))
-    scales.mass = was._replace(value=500.0)
+    scales.mass = replace(was, value=500.0)
     far = await peer.ask(download=(0x6125, 1, "UNSIGNED32", ZERO))
-    scales.mass = was._replace(status=Status.INVALID)
+    scales.mass = replace(was, status=Status.INVALID)
     moving = await peer.ask(download=(0x6125, 1, "UNSIGNED32", ZERO))
     nothing = await peer.ask(upload=(0x5000, 0, "UNSIGNED32"))
     scales.mass = was
