@@ -19,6 +19,7 @@ from cylforce.estimation.drift import daily_correlation, daily_spread, drift_spr
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.drifting import KernelDrift
 from cylforce.estimation.kernel.functions import Kernel
+from cylforce.estimation.kernel.layout import DriftLayout, part
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
@@ -81,6 +82,7 @@ class DriftConstants(Constants):
                   they are those of another day
     spread:       (D,) prior standard errors of the drift
     correlation:  (D, D) of it before anything is seen
+    layout:       places in an update
     memory:       updates that count as one independent measurement
     """
 
@@ -100,6 +102,7 @@ class DriftConstants(Constants):
         self.usual = np.array([1.0, 0.5 * reach, 0.0, 0.25 * reach**2], dtype=np.float64)
         # model errors keep their sign for about one stroke
         self.memory = STROKE_SECONDS * model.filters.rate_hz / EVERY
+        self.layout = DriftLayout(len(self.spread))
         self.plan = self._plan()
 
     def _limits(self) -> tuple[Array, Array]:
@@ -212,18 +215,15 @@ class DriftFilter(Estimator):
         if self.waited < EVERY:
             return
         self.waited = 0
-        d, n = self.values.size, self.root.right.size
-        end_factor, end_right = n * n, n * n + n
-        end_values, end_covariance = end_right + d, end_right + d + d * d
-        after = ZERO * (end_covariance + 3)  # root, values, covariance, scale (2,), mass
+        place, d, n = c.layout, self.values.size, self.root.right.size
+        after = ZERO * place.size
         instant = (residual.rows, residual.numbers, residual.wider)
         root = self.root
         c.kernel.follow(c.plan, number, *instant, root.factor, root.right, self.values, self.scale, self.mass, after)
-        flat = np.frombuffer(after)
-        self.root = Root(flat[:end_factor].reshape(n, n), flat[end_factor:end_right])
-        self.values = flat[end_right:end_values]
-        self.covariance = flat[end_values:end_covariance].reshape(d, d)
-        self.scale, self.mass = flat[end_covariance:-1], after[-1]
+        self.root = Root(part(after, place.factor).reshape(n, n), part(after, place.right))
+        self.values = part(after, place.values)
+        self.covariance = part(after, place.covariance).reshape(d, d)
+        self.scale, self.mass = part(after, place.scale), after[place.mass]
         self.seen = True
         self.updates += 1
         self.returned = self.returned or self.updates >= c.memory

@@ -12,7 +12,7 @@ import numpy as np
 
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.inputs import NEVER, KernelInputs
-from cylforce.estimation.kernel.layout import InputLayout
+from cylforce.estimation.kernel.layout import InputLayout, SampleLayout
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO
@@ -88,6 +88,7 @@ class AssemblerConstants(Constants):
         names = {signal.name: number for number, signal in enumerate(machine.signals)}
         self.decoders = decoders(tuple(pdo for node in service.nodes for pdo in node.pdos), names)
         self.layout = InputLayout(len(machine.signals), len(self.supervisor.pdos), len(service.nodes))
+        self.sample = SampleLayout(len(machine.signals))
         self.unwrapping = Unwrapping(machine)
         self.still: Numbers = ZERO * len(machine.signals)
         self.plan = self._plan()
@@ -238,14 +239,13 @@ class Assembler(Estimator):
         """Return the sample at a tick. Angles have the whole turns that the joints allow.
 
         The last value of a signal that is late or was refused is used for `hold_s`; after that it is invalid."""
-        constants, size = self.constants, self.constants.layout.signals
-        # values (S,), reasons (S,), reason why a value is late, number of signals that leapt
-        found = ZERO * (2 * size + 2)
+        constants, place = self.constants, self.constants.sample
+        found = ZERO * place.size
         bad = constants.kernel.usable(constants.plan, self.state, t_us, found)
-        reasons = tuple([REASONS[x] for x in found[size:-2]]) if bad else constants.fine
-        values = found[:size]
+        reasons = tuple([REASONS[x] for x in found[place.reasons]]) if bad else constants.fine
+        values = found[place.values]
         constants.unwrapping.apply(values)
-        return Sample(t_us, values, reasons, REASONS[found[-2]], self.leapt if found[-1] else ())
+        return Sample(t_us, values, reasons, REASONS[found[place.late]], self.leapt if found[place.leapt] else ())
 
     @property
     def leapt(self) -> tuple[int, ...]:

@@ -1,17 +1,15 @@
 """Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
 tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from math import sqrt
 from typing import Self
 
-import numpy as np
-
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.functions import Kernel
+from cylforce.estimation.kernel.layout import ConclusionLayout, GateLayout, part
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.model import Model, Tares
@@ -48,6 +46,8 @@ class LoadConstants(Constants):
     """What the weighing of one machine needs.
 
     model, tares: of the machine
+    gate:         places in the intermediate results of an instant
+    conclusion:   places in what is concluded of a lift
     memory:       number of consecutive samples that count as one independent sample
     long:         number of samples after which older ones begin to fade
     patience:     number of samples in a row that do not fit, after which a lift ends
@@ -68,8 +68,7 @@ class LoadConstants(Constants):
         self.solver = solver(model, tares, self.kernel, limits)
         self.rows, self.drifts = len(model.machine.rows), len(model.changing)
         self.parameters, self.settle_steps = len(model.parameters), model.settle_steps
-        # mass, standard error, centre (2), its errors (2), moment by drift; then sensitivity to tares and drift
-        self.concluded = 7 + self.parameters + self.drifts
+        self.gate, self.conclusion = GateLayout(self.rows), ConclusionLayout(self.parameters, self.drifts)
         self.spread = load_spread(model.machine)
         self.nothing = self.new_lift().marks[0]
 
@@ -135,12 +134,12 @@ class LoadEstimator(Estimator):
         tilt:     angle of the tool to the house [rad]; None where the tool does not empty by tilting
         """
         drift = no_drift(self.constants.drifts) if drift is None else drift
-        work, concluded = ZERO * (8 * len(usable)), ZERO * self.constants.concluded
+        place = self.constants.gate
+        work, concluded = ZERO * place.size, ZERO * self.constants.conclusion.size
         lift, taken, self.event = self.lift, self.lift.taken, LiftEvent.GOES_ON
         fits = self._take(residual, usable, drift, work, concluded)
         if fits:
-            # the last R numbers of `work` are the new `rested`
-            self._advance(work[7 * len(usable) :], in_motion=fits > 1, drift=drift, tilt=tilt)
+            self._advance(work[place.rested], in_motion=fits > 1, drift=drift, tilt=tilt)
             if self.lift.taken < taken:
                 self.event = LiftEvent.CHANGED
         else:
@@ -155,8 +154,8 @@ class LoadEstimator(Estimator):
     ) -> int:
         """Take an instant into the lift if it fits; return 0: it does not fit, 1: it does, 2: and a row moves.
 
-        work:      (8, R) room: columns of the load (R, 4), torque with the drift, variance, rows that are taken, rested
-        concluded: room for what the kernel concludes
+        work:      room for intermediate results (`GateLayout`)
+        concluded: room for what the kernel concludes (`ConclusionLayout`)
         """
         c, lift = self.constants, self.lift
         instant = (residual.rows, residual.numbers, residual.wider, usable, lift.rested)
@@ -200,8 +199,8 @@ class LoadEstimator(Estimator):
     def _fade(self, work: Numbers) -> None:
         """Forget a small share of the old information of a long lift in the directions of the rows of `work`. The
         estimate and its dependence on the tares do not change."""
-        lift, rows = self.lift, np.frombuffer(work).reshape(8, -1)
-        columns = rows[:4].reshape(-1, 4)[rows[6] > 0.0]
+        lift, place = self.lift, self.constants.gate
+        columns = part(work, place.columns).reshape(-1, 4)[part(work, place.taken) > 0.0]
         if not len(columns):
             return
         root = forget(lift.root, columns, 1.0 - 1.0 / self.constants.long)
@@ -211,14 +210,19 @@ class LoadEstimator(Estimator):
 
     def conclude(self, drift: DriftKnowledge) -> Weight:
         """Return mass and centre of the load. The standard error of the mass includes those of tares, drift, scale."""
-        c, concluded = self.constants, ZERO * self.constants.concluded
+        c, concluded = self.constants, ZERO * self.constants.conclusion.size
         c.kernel.conclude(c.solver, self.lift.numbers, drift.values, drift.covariance, concluded)
         return self._weight(concluded)
 
-    @staticmethod
-    def _weight(concluded: Sequence[float]) -> Weight:
-        mass, error, x, z, error_x, error_z, drifted = concluded[:7]
-        return Weight(mass, error, complex(x, z), (error_x, error_z), drifted)
+    def _weight(self, concluded: Numbers) -> Weight:
+        place = self.constants.conclusion
+        return Weight(
+            mass=concluded[place.mass],
+            standard_error=concluded[place.error],
+            centre=complex(concluded[place.x], concluded[place.z]),
+            centre_error=(concluded[place.x_error], concluded[place.z_error]),
+            drifted=concluded[place.drifted],
+        )
 
     def is_plausible(self, weight: Weight) -> bool:
         """Return whether the estimate can be a load: its mass is positive and its centre within reach; or, for a mass

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from cylforce.estimation.kernel.drifting import DRIFT
 from cylforce.estimation.kernel.inputs import SENDER, SIGNAL
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
@@ -96,6 +97,59 @@ class LiftLayout:
 LIFT = LiftLayout()
 
 
+class GateLayout:
+    """Places in the intermediate results of R rows of an instant (`weighed.gate`).
+
+    columns:  (R, 4) of the load
+    torque:   (R,) residual torque, with the drift [N m]
+    variance: (R,) of it [N^2 m^2]
+    taken:    (R,) 1 where the row is taken into the lift
+    rested:   (R,) number of samples for which each row has been at rest, less those in motion since
+    size:     of all numbers
+    """
+
+    def __init__(self, rows: int) -> None:
+        self.columns = slice(0, 4 * rows)
+        self.torque, self.variance, self.taken, self.rested = (slice(k * rows, (k + 1) * rows) for k in range(4, 8))
+        self.size = 8 * rows
+
+
+class ConclusionLayout:
+    """Places in what is concluded of a lift (`weighed.conclude`), with P tares and D drifts.
+
+    mass:        [kg]
+    error:       its standard error [kg]
+    x, z:        centre of the load [m]
+    x_error, z_error: standard errors of the centre [m]
+    drifted:     standard error of the first moment by the drift [kg m]
+    size:        of all numbers, with the sensitivity (P + D,) of the mass
+    """
+
+    def __init__(self, parameters: int, drifts: int) -> None:
+        self.mass, self.error, self.x, self.z, self.x_error, self.z_error, self.drifted = range(7)
+        self.size = 7 + parameters + drifts
+
+
+class DriftLayout:
+    """Places in an update of D drifts (`followed.follow`), of which the information has N unknowns.
+
+    factor:     (N, N) triangle R of the information R'R
+    right:      (N,) right-hand side beside it
+    values:     (D,) drift
+    covariance: (D, D) of the drift
+    scale:      (2,) variance of friction and of zeros in units of the prior's
+    mass:       what the empty bucket would show without the adaptation [kg]
+    size:       of all numbers
+    """
+
+    def __init__(self, drifts: int) -> None:
+        n, d = DRIFT + drifts, drifts
+        ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
+        self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])
+        self.mass = ends[-1]
+        self.size = self.mass + 1
+
+
 class ResidualLayout:
     """Places in the residual of R rows (`weighed.explain`).
 
@@ -108,6 +162,22 @@ class ResidualLayout:
         self.torque = slice(0, rows)
         self.variance = slice(rows, 2 * rows)
         self.rest = slice(2 * rows, 3 * rows)
+
+
+class SampleLayout:
+    """Places in the sample of S signals at a tick (`inputs.usable`).
+
+    values:  (S,) values [SI]
+    reasons: (S,) reason why each is not usable, as a number of `Reason`
+    late:    reason why one of them is late, as a number of `Reason`
+    leapt:   number of signals that have leapt
+    size:    of all numbers
+    """
+
+    def __init__(self, signals: int) -> None:
+        self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
+        self.late, self.leapt = 2 * signals, 2 * signals + 1
+        self.size = 2 * signals + 2
 
 
 class InputLayout:
