@@ -50,7 +50,8 @@ class ContactDetector(Estimator):
     seconds:     since contact began
     path:        of the teeth since contact began [m]
     since_stiff: seconds since the last stiff object, at most AGAIN_S
-    recent:      of the last RISE_S force [N] and path [m] in turn
+    forces:      at the instants of the last RISE_S, oldest first [N]
+    paths:       of the teeth at these instants, from an arbitrary beginning on [m]
     course:      of the ground
     number:      of events so far
     events:      the KEPT last ones, newest last
@@ -62,7 +63,8 @@ class ContactDetector(Estimator):
     seconds: float
     path: float
     since_stiff: float
-    recent: Numbers
+    forces: Numbers
+    paths: Numbers
     course: Course
     number: int
     events: tuple[ContactEvent, ...]
@@ -77,7 +79,8 @@ class ContactDetector(Estimator):
             seconds=0.0,
             path=0.0,
             since_stiff=AGAIN_S,
-            recent=ZERO * (2 * (constants.window + 1)),
+            forces=ZERO * (constants.window + 1),
+            paths=ZERO * (constants.window + 1),
             course=NO_COURSE,
             number=0,
             events=(),
@@ -87,7 +90,7 @@ class ContactDetector(Estimator):
         """Forget all but the events after an interruption of the measurement."""
         self.touching, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
         self.since_stiff, self.course = AGAIN_S, NO_COURSE
-        self.recent = ZERO * (2 * (self.constants.window + 1))
+        self.forces, self.paths = ZERO * (self.constants.window + 1), ZERO * (self.constants.window + 1)
 
     def update(
         self, t_us: int, force: SolvedForce, late: tuple[float, float], place: complex, velocity: complex
@@ -99,9 +102,9 @@ class ContactDetector(Estimator):
         velocity: of the teeth [m/s]
         """
         dt, way = self.constants.dt, abs(velocity) * self.constants.dt
-        del self.recent[:2]
-        self.recent.append(hypot(force.x, force.z))
-        self.recent.append(self.recent[-2] + way)
+        del self.forces[0], self.paths[0]
+        self.forces.append(hypot(force.x, force.z))
+        self.paths.append(self.paths[-1] + way)
         self.since_stiff = min(self.since_stiff + dt, AGAIN_S)
         if self.touching:
             self.away = self.away + dt if force.clearness < ENDS else 0.0
@@ -130,8 +133,7 @@ class ContactDetector(Estimator):
 
     def _check_stiffness(self, t_us: int, force: SolvedForce, place: complex) -> None:
         """Note a rise of the force over the path of the teeth that no soil has."""
-        (first_force, first_path), (last_force, last_path) = self.recent[:2], self.recent[-2:]
-        rise, path = last_force - first_force, last_path - first_path
+        rise, path = self.forces[-1] - self.forces[0], self.paths[-1] - self.paths[0]
         enough = rise > self.constants.jump and path > CRAWL_M and self.path > INSIDE_M
         if not (enough and rise > STIFF * path and self.since_stiff >= AGAIN_S):
             return

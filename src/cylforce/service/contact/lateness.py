@@ -37,33 +37,34 @@ class Lateness:
 
     def error(self, recent: "RecentForces", x: float, z: float) -> tuple[float, float]:
         """Return the error (x, z) [N] of the force `x`, `z` [N], from the `recent` ones."""
-        if not recent.numbers:
+        if not recent.x:
             return 0.0, 0.0
-        first = max(len(recent.numbers) - 2 * self.steps, 0)
-        return self.share * (x - recent.numbers[first]), self.share * (z - recent.numbers[first + 1])
+        first = max(len(recent.x) - self.steps, 0)
+        return self.share * (x - recent.x[first]), self.share * (z - recent.z[first])
 
 
 @dataclass(slots=True)
 class RecentForces(Estimator):
-    """The forces of the last steps.
+    """The forces of the last steps, the newest last; empty before the first force.
 
-    numbers: x and z [N] of the steps in turn, the newest last; empty before the first force
+    x, z: components [N]
     """
 
-    numbers: Numbers
+    x: Numbers
+    z: Numbers
 
     def keep(self, x: float, z: float, steps: int) -> None:
         """Keep one more force [N], and no more than so many."""
-        if len(self.numbers) >= 2 * steps:
-            del self.numbers[:2]
-        self.numbers.append(x)
-        self.numbers.append(z)
+        if len(self.x) >= steps:
+            del self.x[0], self.z[0]
+        self.x.append(x)
+        self.z.append(z)
 
     def clear(self) -> None:
         """Forget all after an interruption."""
-        self.numbers = array("d")
+        self.x, self.z = array("d"), array("d")
 
 
 def no_forces() -> RecentForces:
     """Return the state before the first force."""
-    return RecentForces(array("d"))
+    return RecentForces(x=array("d"), z=array("d"))
