@@ -22,7 +22,10 @@ from cylforce.signals.events import Event
 EVERY_S = 0.001
 SHOWN = 36
 NOT_SHOWN = ("profiled.", "bench.", "<frozen", "runpy.")
-WORDS = {"<string>.<lambda>": "(a named tuple is made)"}
+WORDS = {
+    "<string>.<lambda>": "(a named tuple is made)",
+    "<string>.__create_fn__.<locals>.__init__": "(a dataclass is made)",
+}
 
 
 class Share(NamedTuple):
