@@ -4,12 +4,14 @@ Its pin is the origin. The cylinder stands 4 m below the pin and holds the link 
 is 5 m long (3, 4, 5) and has the lever 3 * 4 / 5 = 2.4 m."""
 
 from math import radians
+from types import SimpleNamespace
 
 import numpy as np
 
 from cylforce.mechanics.linkages import Triangle
 from cylforce.mechanics.machine import Cylinder, Link, Machine
 from cylforce.mechanics.motion import motion
+from cylforce.service.plausibility.pressure_groups import GroupConstants
 from cylforce.signals.kinds import Kind, Signal
 
 BAR = 1e5  # Pa
@@ -41,3 +43,22 @@ def readings(count, **given):
 def reading(values, name):
     """One signal (T,)."""
     return values[:, SIGNALS.index(name)]
+
+
+def monitored(machine, rate_hz=100.0, rated_force=300e3):
+    """What a detector needs of a machine alone, without a model of its columns."""
+    spans = list(machine.spans)
+    acting = [tuple(c for c, span in enumerate(spans) if joint in span) for joint in machine.rows]
+    model = SimpleNamespace(machine=machine, filters=SimpleNamespace(rate_hz=rate_hz), acting=acting)
+    return SimpleNamespace(
+        model=model,
+        rated_force=rated_force,
+        groups=GroupConstants(machine),
+        constants=lambda kind: kind(monitored(machine, rate_hz, rated_force)),
+    )
+
+
+def stepped(detector, groups, values, speed):
+    """A detector of pressures after one more step."""
+    groups.update(values, speed)
+    detector.on_step(SimpleNamespace(groups=groups))

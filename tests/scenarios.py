@@ -2,6 +2,7 @@
 
 import struct
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,8 +10,9 @@ from cylforce.commissioning.identification import identify
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.sim import START_US
-from cylforce.service.step import step
+from cylforce.service.service import WeighingService
 from cylforce.signals.codec import decode
+from cylforce.signals.estimate import Estimate
 from cylforce.signals.events import Tick
 from cylforce.signals.layout import CODES
 from cylforce.simulation.sensing import run, sensors
@@ -126,14 +128,26 @@ def with_value(events, service, signal, change, begin=0.0, end=np.inf):
     return with_pdo(events, pdo, edited, begin, end)
 
 
-def through(core, events, state=None):
-    """The service over events: (final state, estimates of all ticks, verdicts on commands)."""
-    state = core.begin() if state is None else state
-    estimates, verdicts = [], []
-    for event in events:
-        state, out = step(core, state, event)
-        if out.estimate is not None:
-            estimates.append(out.estimate)
-        if out.verdict is not None:
-            verdicts.append(out.verdict)
-    return state, estimates, verdicts
+class Outcome(NamedTuple):
+    """What an event brought: the estimate of a tick; verdict and words of the answer to a command."""
+
+    estimate: Estimate | None = None
+    verdict: int | None = None
+    words: str = ""
+
+
+def fed(service, event):
+    """The outcome of one more event."""
+    if isinstance(event, Tick):
+        return Outcome(service.on_tick(event.t_us))
+    answer = service.on_frame(event)
+    return Outcome() if answer is None else Outcome(None, answer.verdict, answer.words)
+
+
+def through(core, events, service=None):
+    """The service over events, from a copy of `service` on: (the service afterwards, estimates of all ticks, verdicts
+    on commands)."""
+    service = WeighingService.start(core) if service is None else service.copied(core)
+    outcomes = [fed(service, event) for event in events]
+    estimates = [out.estimate for out in outcomes if out.estimate is not None]
+    return service, estimates, [out.verdict for out in outcomes if out.verdict is not None]

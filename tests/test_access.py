@@ -10,7 +10,6 @@ from cylforce.canopen.dictionary.object_dictionary import CODE, LOCK_STATE, PROT
 from cylforce.files.candump import Sent
 from cylforce.programs.live.station import Station, without_code
 from cylforce.service.publication import publication
-from cylforce.service.state import NOTHING
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Frame
 from scenarios import EXCAVATOR
@@ -47,12 +46,22 @@ class Log:
         self.events.append(event)
 
 
+class Silent:
+    """A handler that obeys nothing and publishes nothing."""
+
+    def on_frame(self, frame):
+        return None
+
+    def on_tick(self, t_us):
+        return None
+
+
 class Bench:
     """A station without a loop; `t_us` is the time of the next request."""
 
     def __init__(self, code=SECRET):
         self.bus, self.log = FakeBus(), Log()
-        self.station = Station(SERVICE, lambda state, event: (state, NOTHING), None, self.bus, self.log, code)
+        self.station = Station(SERVICE, Silent(), self.bus, self.log, code)
         self.said = []
         self.station.protected = self.said.append
         self.station.node._access._report = self.said.append

@@ -5,7 +5,7 @@ from math import radians
 import pytest
 
 from cylforce.estimation.kernel import choice
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Reason
@@ -19,16 +19,13 @@ AT = [s.name for s in SERVICE.machine.signals].index("stick_angle")
 
 def reason(turn, seconds):
     """What is wrong with an angle that is `turn` [rad] off its last after so long a time."""
-    assembler = Assembler(SERVICE)
-    inputs = assembler.begin()
+    inputs = assembler(SERVICE)
     for k in range(21):
         later = seconds if k == 20 else 0.01
         angle = radians(-90.0) + (turn if k == 20 else 0.0)
         t_us = 1_000_000 + round(1e6 * (0.01 * (min(k, 19)) + later * (k == 20)))
-        inputs = assembler.receive(
-            inputs, [Frame(t_us, PDO.can_id, encode(PDO, {"stick_angle": angle}))], assembler.still
-        )
-    return inputs.channels[AT].reason
+        inputs.receive([Frame(t_us, PDO.can_id, encode(PDO, {"stick_angle": angle}))])
+    return Reason(int(inputs.channels[AT].reason))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -49,12 +46,11 @@ def form(request, monkeypatch):
 
 def judged(values):
     """What is wrong with each of an angle's values, (time [ms], turn [rad]), after a second at 100 Hz without turn."""
-    assembler = Assembler(SERVICE)
-    inputs, reasons = assembler.begin(), []
+    inputs, reasons = assembler(SERVICE), []
     for ms, turn in [*((-10.0 * k, 0.0) for k in range(100, -1, -1)), *values]:
         frame = Frame(5_000_000 + round(1000 * ms), PDO.can_id, encode(PDO, {"stick_angle": radians(-90.0) + turn}))
-        inputs = assembler.receive(inputs, [frame], assembler.still)
-        reasons.append(inputs.channels[AT].reason)
+        inputs.receive([frame])
+        reasons.append(Reason(int(inputs.channels[AT].reason)))
     return reasons[-len(values) :]
 
 
@@ -81,13 +77,12 @@ def test_angles_that_waited_one_behind_the_other_were_measured_a_period_apart():
 
 def course(angles):
     """The assembler after an angle's values [rad] at 100 Hz."""
-    assembler = Assembler(SERVICE)
-    inputs, reasons = assembler.begin(), []
+    inputs, reasons = assembler(SERVICE), []
     for k, angle in enumerate(angles):
         frame = Frame(1_000_000 + 10_000 * k, PDO.can_id, encode(PDO, {"stick_angle": angle}))
-        inputs = assembler.receive(inputs, [frame], assembler.still)
-        reasons.append(inputs.channels[AT].reason)
-    return reasons, assembler.leapt(inputs)
+        inputs.receive([frame])
+        reasons.append(Reason(int(inputs.channels[AT].reason)))
+    return reasons, inputs.leapt
 
 
 @pytest.mark.parametrize("leap", [0.05, -0.05])
@@ -109,8 +104,7 @@ def test_an_angle_that_leapt_is_off_although_the_joint_passes_where_it_was(leap,
 
 def test_the_inputs_show_every_signal_every_pdo_and_every_node():
     """A value each, and its time; a second too late all are missing but for it."""
-    assembler = Assembler(SERVICE)
-    inputs = assembler.begin()
+    inputs = assembler(SERVICE)
     pdos = [pdo for node in SERVICE.nodes for pdo in node.pdos]
     assert (len(inputs.channels), len(inputs.pdos), len(inputs.nodes)) == (
         len(SERVICE.machine.signals),
@@ -120,15 +114,16 @@ def test_the_inputs_show_every_signal_every_pdo_and_every_node():
     said = {s.name: 0.25 * (s.low + s.high) + 0.1 for s in SERVICE.machine.signals}
     for n in range(1 - SERVICE.health.good_frames, 1):
         sent = [Frame(1_000_000 + 10_000 * n + k, pdo.can_id, encode(pdo, said)) for k, pdo in enumerate(pdos)]
-        inputs = assembler.receive(inputs, sent, assembler.still)
+        inputs.receive(sent)
     for signal, channel in zip(SERVICE.machine.signals, inputs.channels, strict=True):
-        assert channel.reason is Reason.NONE
+        assert channel.reason == Reason.NONE
         assert channel.value == pytest.approx(said[signal.name], rel=1e-3, abs=3e-3)
         assert channel.t_us == 1_000_000 + pdos.index(pdo_of(SERVICE, signal.name))
     assert [pdo.t_us for pdo in inputs.pdos] == [1_000_000.0 + k for k in range(len(pdos))]
-    strange = assembler.receive(inputs, [Frame(2_000_000, 0x7FF, b"")], assembler.still)
-    assert strange.counters.unknown == inputs.counters.unknown + 1
-    ages = assembler.ages(inputs, 2_000_000)
+    unknown = inputs.counters.unknown
+    inputs.receive([Frame(2_000_000, 0x7FF, b"")])
+    assert inputs.counters.unknown == unknown + 1
+    ages = inputs.ages(2_000_000)
     assert max(ages) == pytest.approx(1.0, abs=1e-4)
-    sample = assembler.sample(inputs, 2_000_000)
+    sample = inputs.sample(2_000_000)
     assert set(sample.reasons) == {Reason.SIGNAL_STALE}

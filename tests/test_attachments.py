@@ -24,17 +24,19 @@ from cylforce.programs.identify import How, run_identify, show
 from cylforce.programs.live.books import changed
 from cylforce.programs.sim import START_US
 from cylforce.service import commands
-from cylforce.service.booking import Weighed
-from cylforce.service.loading.tool import NOT_CHECKED, checked
+from cylforce.service.booking import Missed, Weighed
+from cylforce.service.commands import Scale
+from cylforce.service.core import Core
 from cylforce.service.loading.truck import Truck
-from cylforce.service.state import Memory, Scale
-from cylforce.service.step import Core, step
+from cylforce.service.memory import Memory
+from cylforce.service.service import WeighingService
+from cylforce.service.tool_check import ToolCheck
 from cylforce.settings.identified import read_attachments, read_identified, write_attachment, write_identified
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import Frame, Tick
 from cylforce.simulation.sensor_bus import bus_events
-from scenarios import EXCAVATOR, GRAB
+from scenarios import EXCAVATOR, GRAB, fed
 
 
 def written(folder, text=GRAB):
@@ -222,21 +224,22 @@ class TestFile:
 
 class TestChoice:
     def chosen(self, core, number, state=None):
-        state = core.begin(Memory(Scale(3.0, 50.0), Truck(4, 9000.0, 1))) if state is None else state
+        state = WeighingService.start(core, Memory(Scale(3.0, 50.0), Truck(4, 9000.0, 1))) if state is None else state
         data = struct.pack("<BHBI", 0x23, commands.LOADING, commands.TOOL, number)
-        return step(core, state, Frame(1, 0x600 + core.service.node_id, data))
+        return state, fed(state, Frame(1, 0x600 + core.service.node_id, data))
 
     def test_another_tool_is_another_core_and_the_truck_stays(self, core):
         state, out = self.chosen(core, 1)
         assert (out.verdict, out.words) == (0, "attachment grab chosen: zero and tare are 0")
         assert state.memory == Memory(Scale(), Truck(4, 9000.0, 1), None, "grab")
-        after, _ = step(core, state, Tick(START_US))
-        assert after.tool == "grab"
+        fed(state, Tick(START_US))
+        assert state.tool == "grab"
 
     def test_the_same_once_more_changes_nothing(self, core):
         state, _ = self.chosen(core, 1)
-        again, out = self.chosen(core, 1, state)
-        assert again == state
+        before = packed(state.snapshot())
+        _, out = self.chosen(core, 1, state)
+        assert packed(state.snapshot()) == before
         assert out.words == "attachment grab is chosen already"
 
     def test_a_number_that_is_none_is_refused_in_words(self, core):
@@ -246,28 +249,28 @@ class TestChoice:
 
     def test_the_choice_survives_a_restart(self, core):
         state, _ = self.chosen(core, 1)
-        again = core.begin(unpacked(Memory, packed(state.memory)))
+        again = WeighingService.start(core, unpacked(Memory, packed(state.memory)))
         assert again.memory == state.memory
-        assert again.weighing.lift.root.factor.shape == state.weighing.lift.root.factor.shape
+        assert again.load.lift.root.factor.shape == state.load.lift.root.factor.shape
 
     def test_a_load_that_was_weighed_with_other_tares_or_long_ago_is_told_as_not_booked(self, core):
         hung = Weighed(900.0, 4.0, np.zeros(2), np.zeros(1), 300)
         for kept in (Memory(hanging=hung), Memory(hanging=hung).emptied()):
-            state = core.begin(kept)
-            assert state.weighing.books.missed == (1, 900.0, True)
+            state = WeighingService.start(core, kept)
+            assert state.bookings.missed == Missed(1, 900.0, True)
             assert state.memory == Memory()
             assert changed(kept, state.memory)
 
     def test_a_tool_that_the_machine_file_no_longer_has_is_the_standard_one(self, core):
-        assert core.begin(Memory(tool="fork")).tool == "standard"
+        assert WeighingService.start(core, Memory(tool="fork")).tool == "standard"
 
 
 def weights(*given, limit=75.0):
     """The check after settled weights: a number, or a number that no load can have."""
-    state, found = NOT_CHECKED, []
+    check, found = ToolCheck(), []
     for mass in given:
-        state = checked(state, mass, limit, empty=abs(mass) <= limit, impossible=mass < -limit)
-        found.append(state.off)
+        check.take(mass, limit, empty=abs(mass) <= limit, impossible=mass < -limit)
+        found.append(check.off)
     return found
 
 
@@ -304,12 +307,12 @@ class TestOtherTool:
         sheet = model_of(loaded).data_sheet
         known = sheet._replace(covariance=1e-4 * sheet.covariance, identified=True, row_error=np.full(3, 300.0))
         core = Core(service, known)
-        state = core.begin()
+        state = WeighingService.start(core)
         for event in events:
-            state, _ = step(core, state, event)
-            if state.weighing.tool.off is not None:
+            fed(state, event)
+            if state.tool_check.off is not None:
                 break
-        assert state.weighing.tool.off == pytest.approx((factor - 1.0) * bucket.mass, rel=0.3)
+        assert state.tool_check.off == pytest.approx((factor - 1.0) * bucket.mass, rel=0.3)
         assert state.estimate.gross.reason is Reason.OTHER_TOOL
         assert state.estimate.gross.status is not Status.OK
         assert state.estimate.booking is None

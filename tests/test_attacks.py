@@ -13,7 +13,7 @@ from cylforce.canopen.heartbeat import PRE_OPERATIONAL
 from cylforce.canopen.network import Network
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.run import Daemon
-from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Reason
@@ -63,10 +63,10 @@ class Stage:
 
     @property
     def reason(self):
-        return self.daemon.state.estimate.gross.reason
+        return self.daemon.weighing.estimate.gross.reason
 
     def measures(self):
-        return self.daemon.state.pipe is not None
+        return self.daemon.weighing.pipeline.state is not None
 
 
 def played(scenario, name):

@@ -26,7 +26,7 @@ from cylforce.records.audit import Audit, entries, first_broken
 from cylforce.records.recorder import Recorder
 from cylforce.records.schema import open_reading
 from cylforce.records.writing import Change, Start
-from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR
 from waiting import until

@@ -50,16 +50,16 @@ def test_a_step_beside_others(tmp_path):
 
 
 def test_where_the_time_goes(tmp_path):
-    """The whole step is in `step`, and its parts are in it. A round is looked at some 20 times, and what `step` does
-    itself is a tenth of it: in ten rounds some look meets it."""
+    """The whole step is in `on_tick`, and its parts are in it. A round is looked at some 20 times, and a fifth of a
+    step is the force: in ten rounds some look meets it, and what it calls."""
     output = tmp_path / "functions.json"
     command = [sys.executable, "-m", "bench", "--functions", "--rounds", "10", "--json", output]
     done = subprocess.run(command, cwd=ROOT / "tools", capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(output.read_text())
-    whole, tick = found["step.step"], found["step._tick"]
-    assert whole["whole_us"] > tick["whole_us"] > tick["own_us"]
-    assert "step._tick" in done.stdout
+    whole, force = found["service.WeighingService.on_tick"], found["interaction.ForceEstimator.update"]
+    assert whole["whole_us"] > force["whole_us"] > force["own_us"]
+    assert "interaction.ForceEstimator.update" in done.stdout
 
 
 def test_a_replay_is_timed(tmp_path):

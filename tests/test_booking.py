@@ -9,13 +9,49 @@ import pytest
 from cylforce.estimation.model import Tares
 from cylforce.estimation.recursive import known, solution, update
 from cylforce.estimation.residual import GOOD_ENOUGH
-from cylforce.service.booking import Books, Weighed, corrected, difference_error, error, noted, parted, spilled, unseen
-from cylforce.service.loading.lift import Lift, Look, shortened
+from cylforce.service.booking import BookingConstants, Bookings, Weighed, difference
+from cylforce.service.loading.lift import Lift, Look
 from cylforce.service.spill import change, changed_at, information
 from weighing.score import class_y_b, inside
 
 RATED = 1500.0
 STILL = SimpleNamespace(values=np.zeros(2), covariance=np.diag([4.0, 1.0]))
+
+
+def bookings(given, **state):
+    """The booking of a machine with these tares, in a state."""
+    found = Bookings.start(BookingConstants(given, RATED, 100.0))
+    for name, value in state.items():
+        setattr(found, name, value)
+    return found
+
+
+def changed(before, change):
+    """A copy that `change` has changed."""
+    found = Bookings.start(before.constants)
+    found.restore(before.snapshot())
+    change(found)
+    return found
+
+
+def noted(books, weight, t, drift=STILL):
+    return changed(books, lambda found: found.update(weight, t, drift))
+
+
+def parted(books):
+    return changed(books, Bookings.end_lift)
+
+
+def spilled(books):
+    return changed(books, Bookings.change_load)
+
+
+def unseen(books):
+    return changed(books, Bookings.lose_sight)
+
+
+def error(weight, given, drift):
+    return BookingConstants(given, RATED, 100.0).error(weight, drift)
 
 
 def tares(scale_error=0.0, spread=0.0, common_error=0.0):
@@ -41,7 +77,7 @@ def test_the_error_has_noise_tares_drift_and_scale():
 def test_errors_that_lift_and_return_share_cancel():
     """The same gain on tares and drift: only noise and the scale of the difference are left."""
     lifted, left = weight(1000.0, 4.0, 5.0, (3.0, 1.0)), weight(20.0, 4.0, 5.0, (3.0, 1.0))
-    assert difference_error(lifted, left, tares(0.0, 10.0), STILL) == pytest.approx(np.sqrt(8.0))
+    assert error(difference(lifted, left), tares(0.0, 10.0), STILL) == pytest.approx(np.sqrt(8.0))
     assert error(lifted, tares(0.0, 10.0), STILL) > 50.0
 
 
@@ -57,20 +93,24 @@ def test_intervals_hold_as_often_as_they_say():
 
 def test_a_drift_found_in_the_return_corrects_the_lift():
     later = SimpleNamespace(values=np.array([2.0, 0.0]), covariance=STILL.covariance)
-    assert corrected(weight(1000.0, drifted=(3.0, 0.0)), later) == pytest.approx(994.0)
+    assert weight(1000.0, drifted=(3.0, 0.0)).corrected(later) == pytest.approx(994.0)
+
+
+def having(books, withheld):
+    return changed(books, lambda found: setattr(found, "withheld", withheld))
 
 
 def after(books, *weights):
     for t, each in enumerate(weights):
-        books = noted(books, each, RATED, t, tares(), STILL)
+        books = noted(books, each, t)
     return books
 
 
 def test_what_only_the_masses_bound_of_the_scale_is_in_the_error_and_withholds_nothing():
     """6 % of 1200 kg are 72 kg, of the 15 kg that noise, tares, drift and the cylinders' scale may have."""
-    books = Books()
+    books = bookings(tares(0.001, 0.0, 0.06))
     for each in (weight(1200.0), weight(1200.0), None, weight(5.0), weight(5.0)):
-        books = parted(books) if each is None else noted(books, each, RATED, 0, tares(0.001, 0.0, 0.06), STILL)
+        books = parted(books) if each is None else noted(books, each, 0)
     scale = np.hypot(0.001, 0.06)
     assert books.booking.standard_error == pytest.approx(np.hypot(1.0, 1200.0 * scale))
     assert books.booking.dumped_error == pytest.approx(np.hypot(np.sqrt(2.0), 1195.0 * scale))
@@ -78,7 +118,7 @@ def test_what_only_the_masses_bound_of_the_scale_is_in_the_error_and_withholds_n
 
 def test_gross_what_remained_and_what_left():
     """One booking a lift, refined while the bucket returns; the last weight before the lift ends does not count."""
-    books = parted(after(Books(), weight(900.0), weight(905.0), weight(700.0)))
+    books = parted(after(bookings(tares()), weight(900.0), weight(905.0), weight(700.0)))
     books = after(books, weight(12.0), weight(14.0))
     first = books.booking
     assert (first.number, first.mass, first.carry_back, first.dumped) == (1, 905.0, 12.0, 893.0)
@@ -88,16 +128,16 @@ def test_gross_what_remained_and_what_left():
 
 def test_while_it_is_not_sure_that_the_sensors_agree_a_booking_waits():
     """It is made when that is sure again; if the next load comes before, it is told as missed."""
-    books = parted(after(Books(), weight(900.0), weight(905.0)))._replace(withheld=True)
+    books = having(parted(after(bookings(tares()), weight(900.0), weight(905.0))), withheld=True)
     waits = after(books, weight(12.0), weight(14.0))
     assert waits.booking is None
-    assert after(waits._replace(withheld=False), weight(15.0)).booking.mass == 900.0
-    later = after(parted(waits._replace(withheld=False)), weight(500.0), weight(500.0))
+    assert after(having(waits, withheld=False), weight(15.0)).booking.mass == 900.0
+    later = after(parted(having(waits, withheld=False)), weight(500.0), weight(500.0))
     assert (later.booking, later.missed.number, later.missed.mass) == (None, 1, 900.0)
 
 
 def test_after_a_spill_the_later_weight_is_booked_and_half_a_bucket_is_not():
-    books = after(Books(), weight(900.0, moving=300), weight(900.0, moving=330))
+    books = after(bookings(tares()), weight(900.0, moving=300), weight(900.0, moving=330))
     books = after(spilled(books), weight(860.0, moving=50), weight(860.0, moving=80), weight(300.0, moving=90))
     books = after(parted(books), weight(10.0), weight(10.0))
     assert books.booking.mass == 860.0
@@ -106,7 +146,7 @@ def test_after_a_spill_the_later_weight_is_booked_and_half_a_bucket_is_not():
 def test_a_loaders_bucket_that_curls_in_the_heap_does_not_dump():
     """1988 kg were weighed in the heap, when the bucket had curled by 35 degrees since that load hung; then 1232
     kg hang in the bucket curled by 11 more: that is the load, not the rest of a dump."""
-    books = after(Books(), *[weight(1988.0, tilt=0.6, hung=0.0)] * 2)
+    books = after(bookings(tares()), *[weight(1988.0, tilt=0.6, hung=0.0)] * 2)
     books = after(parted(books), *[weight(1232.0, tilt=0.8, hung=0.8)] * 2)
     books = after(parted(books), *[weight(10.0, tilt=-0.7)] * 2)
     assert books.booking.mass == 1232.0
@@ -115,7 +155,7 @@ def test_a_loaders_bucket_that_curls_in_the_heap_does_not_dump():
 def test_one_mass_that_reads_as_a_load_and_then_as_an_empty_bucket_is_not_booked():
     """Dirt of 5 % of rated in an empty bucket: 76 and 74 kg are one mass, known to 5 kg. When 20 kg of it are left,
     the rest has left the bucket, and is booked."""
-    dirt = after(Books(), *[weight(76.0, noise=12.0)] * 2, *[weight(74.0, noise=12.0)] * 3)
+    dirt = after(bookings(tares()), *[weight(76.0, noise=12.0)] * 2, *[weight(74.0, noise=12.0)] * 3)
     assert (dirt.booking, dirt.missed.number) == (None, 0)
     booking = after(dirt, *[weight(20.0, noise=12.0)] * 2).booking
     assert (booking.number, booking.mass, booking.carry_back) == (1, 76.0, 20.0)
@@ -125,23 +165,23 @@ def test_one_mass_that_reads_as_a_load_and_then_as_an_empty_bucket_is_not_booked
 def test_what_left_is_compared_with_its_own_error_and_not_with_that_of_the_weights():
     """28 kg left a bucket of 80 kg. An error of 10 kg that both weights share does not count, one in the last does."""
     for lifted, number in ((20.0, 1), (0.0, None)):
-        books = Books()
+        books = bookings(tares())
         shaky = SimpleNamespace(values=np.zeros(2), covariance=np.diag([0.25, 0.25]))
         for each in [weight(80.0, drifted=(lifted, 0.0))] * 2 + [weight(52.0, drifted=(20.0, 0.0))] * 2:
-            books = noted(books, each, RATED, 1, tares(), shaky)
+            books = noted(books, each, 1, shaky)
         assert (books.booking and books.booking.number) == number
 
 
 def test_dirt_after_a_booked_bucket_is_no_bucket_of_its_own():
     """What stays in the bucket reads 74, 76 and 74 kg while it returns."""
-    books = parted(after(Books(), *[weight(900.0)] * 2))
+    books = parted(after(bookings(tares()), *[weight(900.0)] * 2))
     books = after(books, *[weight(mass, noise=4.0) for mass in (74.0, 74.0, 76.0, 76.0, 74.0, 74.0)])
     assert (books.booking.number, books.booking.mass) == (1, 900.0)
 
 
 def test_a_smaller_load_after_a_dump_that_was_not_seen_is_the_next_one_and_the_one_before_is_reported():
     """1712 kg are dumped unseen. 1618 kg begin to hang in the open bucket and stay in the curled one."""
-    books = after(Books(), *[weight(1712.0, tilt=-2.7)] * 2)
+    books = after(bookings(tares()), *[weight(1712.0, tilt=-2.7)] * 2)
     books = after(parted(books), *[weight(1618.0, tilt=-1.9, hung=-1.8)] * 2)
     books = after(books, *[weight(1618.0, tilt=-2.6, hung=-1.8)] * 2)
     assert (books.booking, books.missed.number, books.missed.mass) == (None, 1, 1712.0)
@@ -152,7 +192,7 @@ def test_a_smaller_load_after_a_dump_that_was_not_seen_is_the_next_one_and_the_o
 @pytest.mark.parametrize(("tilt", "mass"), [(-2.8, 400.0), (-1.9, 899.0)])
 def test_a_part_tipped_off_is_a_smaller_load_and_half_a_dump_is_not(tilt, mass):
     """400 of 900 kg are left: in the bucket as it hung before, or in one that has tilted by half a right angle."""
-    books = after(Books(), weight(900.0, tilt=-2.7), weight(900.0, tilt=-2.7))
+    books = after(bookings(tares()), weight(900.0, tilt=-2.7), weight(900.0, tilt=-2.7))
     books = after(books, weight(899.0, tilt=-2.2), weight(899.0, tilt=-2.2))  # it begins to open
     books = after(parted(books), weight(400.0, moving=50, tilt=tilt), weight(400.0, moving=60, tilt=tilt))
     books = after(parted(books), weight(10.0, tilt=-0.5), weight(10.0, tilt=-0.5))
@@ -164,9 +204,9 @@ def test_an_error_that_the_full_and_the_empty_bucket_share_does_not_hinder_the_b
     unknown = SimpleNamespace(values=np.zeros(2), covariance=np.diag([1.0, 1.0]))
 
     def worked(lifted, empty):
-        books = Books()
+        books = bookings(tares())
         for t, each in enumerate([weight(900.0, drifted=(lifted, 0.0))] * 2 + [weight(10.0, drifted=(empty, 0.0))] * 2):
-            books = noted(books, each, RATED, t, tares(), unknown)
+            books = noted(books, each, t, unknown)
         return books
 
     allowed = GOOD_ENOUGH * RATED
@@ -179,7 +219,7 @@ def test_an_error_that_the_full_and_the_empty_bucket_share_does_not_hinder_the_b
 
 def test_after_an_outage_the_load_before_it_is_told_and_not_booked():
     """It is not known whether it was dumped, or what hangs now is still the same."""
-    books = unseen(after(Books(), weight(900.0), weight(900.0)))
+    books = unseen(after(bookings(tares()), weight(900.0), weight(900.0)))
     assert (books.missed.number, books.missed.mass, books.missed.interrupted) == (1, 900.0, True)
     assert after(books, weight(10.0), weight(10.0)).booking is None
     books = after(parted(after(books, weight(600.0), weight(600.0))), weight(10.0), weight(10.0))
@@ -189,7 +229,7 @@ def test_after_an_outage_the_load_before_it_is_told_and_not_booked():
 
 def remembered(mass=900.0):
     """The state after a restart with a load in the bucket."""
-    return Books(candidate=weight(mass), remembered=True)
+    return bookings(tares(), candidate=weight(mass), remembered=True)
 
 
 def test_a_load_that_hangs_again_after_a_restart_is_booked():
@@ -215,12 +255,12 @@ def test_another_load_after_a_restart_is_booked_and_the_one_before_is_told():
 
 def test_a_load_that_follows_an_unclear_return_replaces_the_one_before_and_this_is_told():
     unclear = weight(10.0, noise=RATED)
-    books = after(Books(), weight(900.0), weight(900.0))
-    books = parted(noted(parted(books), unclear, RATED, 1, tares(), STILL))
+    books = after(bookings(tares()), weight(900.0), weight(900.0))
+    books = parted(noted(parted(books), unclear, 1))
     shaky = SimpleNamespace(values=np.zeros(2), covariance=np.diag([900.0, 900.0]))
     drifted = weight(10.0, drifted=(1.0, 0.0))
     for _ in range(2):
-        books = noted(books, drifted, RATED, 2, tares(), shaky)
+        books = noted(books, drifted, 2, shaky)
     books = after(parted(books), weight(600.0), weight(600.0))
     assert (books.missed.number, books.missed.mass, books.missed.interrupted) == (1, 900.0, False)
     assert books.candidate.mass == 600.0
@@ -270,9 +310,8 @@ def test_a_lift_from_a_mark_on_knows_what_came_since_and_nothing_else():
     """Estimate, sensitivity and counts are those of a lift that began there."""
     marks, parts = hung([1000.0] * 4 + [900.0] * 4)
     looks = tuple(Look(moving, -3.0 + moving / 200.0) for moving in (0, 20, 40, 60, 80, 110, 140, 170))
-    begun = Lift(array("d"), 0, 0, 0, array("d"), marks[:1], (Look(0, None),), mixed=False)
     whole = Lift(array("d"), 240, 0, 200, array("d"), marks[:-1], looks, mixed=False)
-    found = shortened(whole, begun, 4, marks[-1], Look(200, -2.0), 30)
+    found = whole.since(4, marks[-1], Look(200, -2.0), 30, marks[0])
     root, gram = known(np.zeros(4), np.full(4, 3e3)), np.zeros((4, 1))
     for columns, torque, other in parts[4:]:
         root, gram = update(root, columns, torque, np.full(40, 100.0)), gram + 0.01 * columns.T @ other

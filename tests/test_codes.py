@@ -1,5 +1,7 @@
 """Numbers that leave the service, or stand in logs: they never change."""
 
+from dataclasses import replace
+
 from cylforce.estimation.kernel import inputs
 from cylforce.service.plausibility.suspicion import LATCHED, LATCHED_IF_CONFIRMED, Level, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Reason, Status
@@ -50,7 +52,7 @@ def test_what_a_suspicion_means_for_the_work():
     from many samples only once motion in both directions has confirmed it; an empty bucket below nothing may be a
     drift."""
     every = [SensorDoubt(level, cause) for level in Level for cause in SensorFault]
-    confirmed = [doubt._replace(confirmed=True) for doubt in every]
+    confirmed = [replace(doubt, confirmed=True) for doubt in every]
     assert {d.cause for d in confirmed if d.latched} == {*LATCHED, *LATCHED_IF_CONFIRMED}
     assert {d.cause for d in every if d.stays} == {*LATCHED, SensorFault.EXCHANGED}
     assert {d.cause.name for d in every if d.waits} == {"STEPPED", "SWAPPED", "STRAYED"}

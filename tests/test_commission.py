@@ -59,7 +59,7 @@ def fed(collector, load=0.0, seconds=30.0, without=(), seed=70):
             if event.can_id not in lost:
                 collector.on_frame(event)
             continue
-        collector.ticked(event)
+        collector.taker.on_tick(event.t_us)
         ticks += 1
         if ticks % 100 == 0:
             collector.think()
@@ -152,7 +152,7 @@ def test_a_silent_node_is_named_within_seconds(collector):
 
 def test_zero_is_refused_while_nothing_is_weighed(collector):
     frame = Frame(START_US, 0x600 + LOADED.service.node_id, b"\x23\x25\x61\x01zero")
-    assert collector.received(frame) == 0x08000022
+    assert collector.taker.on_frame(frame).verdict == 0x08000022
 
 
 def test_a_bus_without_sensors_is_given_up(monkeypatch, tmp_path):

@@ -18,7 +18,7 @@ from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import residual
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.identify import without_known_weight
-from cylforce.service.weighing import Weigher
+from cylforce.service.weighing import LoadConstants, LoadEstimator
 from cylforce.settings.identified import identified_warnings, read_identified, seal_again, write_identified
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
@@ -110,12 +110,13 @@ def test_a_heavy_load_is_shown_as_degraded_until_the_scale_is_known(known):
     """1000 kg of 1500 kg rated, of which 1 % is the limit; the scale of the data sheet's masses leaves several %."""
     model, tares = healthy().model, healthy().tares
     assert tares.common_error == healthy().by_masses.error
-    weigher = Weigher(model, tares._replace(common_error=0.0, scale_error=0.001) if known else tares)
-    moving, state = model.channels.run(lifted(LOADED)), weigher.begin()
+    better = tares._replace(common_error=0.0, scale_error=0.001) if known else tares
+    constants, moving = LoadConstants(model, better), model.channels.run(lifted(LOADED))
+    estimator = LoadEstimator.start(constants)
     rows, usable = model.filtered.run(moving.motion), array("d", [1.0] * len(model.machine.rows))
     for k in range(model.settle_steps, 1000):
         left = residual(model, tares, Rows(rows.columns[k], rows.torque[k]), np.zeros(len(usable)))
-        state, load = weigher.step(state, weigher.of_arrays(left), usable, 10_000 * k)
+        load = estimator.load(estimator.update(constants.residual_of_arrays(left), usable))
     assert load.mass.value == pytest.approx(KNOWN_KG, rel=0.01)
     if known:
         assert (load.mass.status, load.mass.reason) == (Status.OK, Reason.NONE)

@@ -11,7 +11,7 @@ from cylforce.commissioning.coverage import BINS, NEEDED_S, Pace, Way, coverage,
 from cylforce.commissioning.expectation import cost, expected_error, postures
 from cylforce.estimation.model import Model
 from cylforce.estimation.residual import Residual
-from cylforce.service.weighing import Weigher
+from cylforce.service.weighing import LoadConstants, LoadEstimator
 from cylforce.settings.machine_file import load
 from instants import rows_of
 from machines import excavator, stick_and_bucket
@@ -84,15 +84,17 @@ def test_expected_error_is_what_the_weighing_itself_says(model):
     known = sheet._replace(covariance=1e-4 * sheet.covariance, row_error=0.02 * sheet.row_error, identified=True)
     foretold = expected_error(model, known, theta)
     left = expectation._residual(model, known, theta)
-    weigher, repeats = Weigher(model, known), round(expectation.WEIGHED_S * model.filters.rate_hz / expectation.POINTS)
+    constants, repeats = (
+        LoadConstants(model, known),
+        round(expectation.WEIGHED_S * model.filters.rate_hz / expectation.POINTS),
+    )
     for k in range(len(theta)):
-        state = weigher.begin()
+        load = LoadEstimator.start(constants)
         for point in range(expectation.POINTS):
             of_posture = Residual(*(part[point, k] for part in left))
-            now, usable = weigher.of_arrays(of_posture), rows_of(np.isfinite(of_posture.variance))
+            now, usable = constants.residual_of_arrays(of_posture), rows_of(np.isfinite(of_posture.variance))
             for _ in range(repeats):
-                state, _ = weigher.step(state, now, usable, 0)
-        weight = weigher._conclude(state.lift, weigher._still)
+                weight = load.update(now, usable)
         assert weight.standard_error == pytest.approx(foretold.standard_error[k], rel=0.01)
         assert weight.mass == pytest.approx(model.machine.rated_payload, rel=0.05)
 

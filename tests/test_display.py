@@ -5,6 +5,7 @@ import json
 import re
 import struct
 import subprocess
+from dataclasses import replace
 from gettext import GNUTranslations
 from io import BytesIO
 from pathlib import Path
@@ -31,8 +32,8 @@ from cylforce.programs.common.readings import make_core
 from cylforce.programs.display import read_pin
 from cylforce.programs.run import Daemon
 from cylforce.records.labels import LABELS
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.service.publication import frames
-from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Quantity, Reason, Status, no_estimate
@@ -65,7 +66,7 @@ def painted(estimate, loading=None, later_us=0):
 
 
 def weighed(q):
-    return no_estimate(NOW, Reason.STARTING, None)._replace(gross=q, net=q._replace(value=q.value - 20.0))
+    return replace(no_estimate(NOW, Reason.STARTING, None), gross=q, net=replace(q, value=q.value - 20.0))
 
 
 def test_a_valid_weight_is_shown_with_its_error():

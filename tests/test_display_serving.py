@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ ASK = b"GET /stream/work HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
 def published(weight, bus):
     """What the service sends for a weight."""
     quantity = Quantity(weight, 5.0, Status.OK, Reason.NONE)
-    estimate = no_estimate(1, Reason.STARTING, None)._replace(gross=quantity, net=quantity)
+    estimate = replace(no_estimate(1, Reason.STARTING, None), gross=quantity, net=quantity)
     ids = {pdo.number: pdo.can_id for pdo in SERVICE.publication}
     for number, data in frames(SERVICE.publication, estimate):
         bus.send(ids[number], data)

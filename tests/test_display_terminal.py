@@ -1,5 +1,7 @@
 """The operator's page as text, and what the page advises."""
 
+from dataclasses import replace
+
 import pytest
 
 from cylforce.display.listener import Listener
@@ -52,7 +54,7 @@ def test_without_a_weight_there_is_a_reason_and_no_number(language):
 
 
 def advice(total, filled, target=5000.0, net=None):
-    estimate = no_estimate(NOW, Reason.STARTING, None) if net is None else weighed(WEIGHT._replace(value=net + 20.0))
+    estimate = no_estimate(NOW, Reason.STARTING, None) if net is None else weighed(replace(WEIGHT, value=net + 20.0))
     truck = Painter(heard(estimate), Marks()).work(loading(total, filled, target), NOW)["truck"]
     return truck["last_bucket"], truck["next_share"], truck["tip_off"], truck["overloads"]
 

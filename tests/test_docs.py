@@ -81,7 +81,7 @@ def test_the_frames_of_zero_and_tare_are_obeyed(what: str, frame: str) -> None:
     command = commands.read(Frame(0, int(can_id, 16), bytes.fromhex(data)), 64)
     assert command is not None
     good = Quantity(5.0, 1.0, Status.OK, Reason.NONE)
-    assert (command.what, commands.obey(command, (0.0, 0.0), good, 1500.0).verdict) == (what, 0)
+    assert (command.what, commands.obey(command, commands.Scale(), good, 1500.0)[1].verdict) == (what, 0)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import csv
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import pytest
 
@@ -17,7 +18,7 @@ def rows(tmp_path):
     """A tick without a value, and one 0.5 s later with a weight."""
     nothing = no_estimate(BEGUN, Reason.SIGNAL_STALE, None)
     weighed = no_estimate(BEGUN + 500_000, Reason.STARTING, Booking(7, 0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0))
-    weighed = weighed._replace(gross=Quantity(812.5, 4.0, Status.DEGRADED, Reason.AT_REST))
+    weighed = replace(weighed, gross=Quantity(812.5, 4.0, Status.DEGRADED, Reason.AT_REST))
     path = tmp_path / "estimates.csv"
     write_estimates(path, [nothing, weighed])
     with path.open(newline="") as file:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 import structlog
@@ -21,9 +22,8 @@ from cylforce.programs.live.messages import ROOM, Messages, configure_messages
 from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.station import SOFTWARE, serve
 from cylforce.programs.run import Daemon, _check_log
-from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import load
-from cylforce.signals.events import Tick
 from scenarios import EXCAVATOR
 from waiting import until
 
@@ -50,17 +50,16 @@ def run(daemon, manager=None, done=lambda: False):
 
 
 def after(daemon, count, then):
-    """From its tick number `count` on the daemon's step does `then` instead."""
-    step, ticks = daemon._step, []
+    """From its tick number `count` on the daemon's handler does `then` first."""
+    handler, ticks = daemon.handler, []
 
-    def changed(state, event):
-        if isinstance(event, Tick):
-            ticks.append(event.t_us)
-            if len(ticks) >= count:
-                then()
-        return step(state, event)
+    def on_tick(t_us):
+        ticks.append(t_us)
+        if len(ticks) >= count:
+            then()
+        return handler.on_tick(t_us)
 
-    daemon._step = changed
+    daemon.handler = SimpleNamespace(on_frame=handler.on_frame, on_tick=on_tick)
     return ticks
 
 

@@ -11,7 +11,7 @@ from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.machine import base_parameters
 from cylforce.mechanics.motion import Motion, motion
-from cylforce.service.pipeline import Pipeline
+from cylforce.service.pipeline import Pipeline, PipelineConstants
 from machines import excavator
 from rig import BAR, HEAD, LEVER, readings, rig
 
@@ -94,12 +94,11 @@ def test_live_equals_recorded() -> None:
     values = np.concatenate([rng.uniform(1e5, 2e7, (400, 6)), theta, rng.uniform(-0.1, 0.1, (400, 3))], axis=1)
     moved = model.channels.run(values)
     expected = model.filtered.run(moved.motion)
-    pipeline = Pipeline(model)
+    pipeline = Pipeline.start(PipelineConstants(model))
     channels = [model.channels.read(v) for v in values]
-    pipe = pipeline.begin(numbers(channels[0]))
+    pipeline.begin(numbers(channels[0]))
     for k, x in enumerate(channels[1:]):
-        pipe, instant = pipeline.advance(pipe, numbers(x), 1)
-        rows = instant.slow
+        rows = pipeline.update(numbers(x)).slow
         scale = np.abs(expected.columns).max(axis=(0, 1)) + 1e-300
         np.testing.assert_allclose(rows.columns / scale, expected.columns[k] / scale, rtol=0, atol=1e-12)
         np.testing.assert_allclose(rows.torque, expected.torque[k], rtol=0, atol=1e-12 * np.abs(expected.torque).max())
@@ -124,14 +123,14 @@ def test_missing_steps_are_filled_along_a_line() -> None:
     rng = np.random.default_rng(SEED)
     begin = np.array([0.2, -1.6, -1.0, 1e5, 2e5, 3e4, 0.0, 0.0, 0.1])
     slope = rng.normal(size=9) * np.array([1e-3] * 3 + [100.0] * 3 + [0.0, 0.0, 1e-3])
-    pipeline = Pipeline(model)
-    one = other = pipeline.begin(numbers(begin))
+    constants = PipelineConstants(model)
+    one, other = Pipeline.start(constants), Pipeline.start(constants)
+    one.begin(numbers(begin))
+    other.begin(numbers(begin))
     for k in range(1, 31):
-        one, instant = pipeline.advance(one, numbers(begin + k * slope), 1)
-        rows = instant.slow
+        rows = one.update(numbers(begin + k * slope)).slow
         if k % 3 == 0:
-            other, instant = pipeline.advance(other, numbers(begin + k * slope), 3)
-            sparse = instant.slow
+            sparse = other.update(numbers(begin + k * slope), 3).slow
             np.testing.assert_allclose(sparse.columns, rows.columns, atol=1e-9 * np.abs(rows.columns).max())
 
 

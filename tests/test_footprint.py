@@ -13,24 +13,24 @@ HEAVY = {"scipy", "matplotlib", "jinja2", "pyarrow", "paho", "starlette", "cylfo
 SERVICE = """
 import json, sys
 from pathlib import Path
+from cylforce.service.service import WeighingService
 from cylforce.files.logreader import with_ticks
 from cylforce.programs.common.machine_file import load_machine
 from cylforce.programs.common.readings import header_of, make_core
 from cylforce.programs.run import Daemon
-from cylforce.service.step import step
 from cylforce.signals.codec import encode
 from cylforce.signals.events import Frame
 loaded = load_machine(Path(sys.argv[1]))
 core = make_core(loaded, None)
 header_of(loaded, None, "socketcan:can0")
-state, service = core.begin(), loaded.service
+weighing, service = WeighingService.start(core), loaded.service
 values = {s.name: (s.low + s.high) / 2.0 for s in service.machine.signals}
 frames = [Frame(t_us, p.can_id, encode(p, values)) for t_us in range(10_000, 3_000_000, 10_000)
           for n in service.nodes for p in n.pdos]
 for event in with_ticks(iter(frames), core.period_us):
-    state, out = step(core, state, event)
+    weighing.on_event(event)
 kb = next(line.split()[1] for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
-print(json.dumps([int(kb) / 1024, state.pipe is not None, sorted(sys.modules)]))
+print(json.dumps([int(kb) / 1024, weighing.pipeline.state is not None, sorted(sys.modules)]))
 """
 
 ASKED = """

@@ -8,16 +8,17 @@ from itertools import chain, cycle
 import numpy as np
 import pytest
 
+from cylforce.service.core import Core
 from cylforce.service.plausibility.suspicion import Level
-from cylforce.service.publication import DIRECTION, FORCE_X, FORCE_Z, GROSS, MAGNITUDE, NET
-from cylforce.service.step import Core, step
+from cylforce.service.publication import DIRECTION, FORCE_X, FORCE_Z, GROSS, MAGNITUDE, NET, frames
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import ERROR, EXTENDED, REMOTE, Frame, Tick
 from cylforce.signals.kinds import Kind
 from cylforce.simulation.scenario import posture_at
-from scenarios import CONFIG, cycles, identified, pdo_of, played, scene
+from scenarios import CONFIG, cycles, fed, identified, pdo_of, played, scene
 
 FRAMES = 1_000_000
 STRETCH = 900  # ticks of good motion in a row, more or less spoiled
@@ -158,7 +159,7 @@ class Judge:
     def __init__(self, core):
         self.core, self.publication = core, core.service.publication
         self.rated = core.service.machine.rated_payload
-        self.limits = core.limits
+        self.limits = {f.signal: (f.low, f.high) for pdo in self.publication for f in pdo.fields}
         self.seen = dict.fromkeys(Status, 0)
 
     def look(self, out):
@@ -170,7 +171,7 @@ class Judge:
         force = dict(zip((FORCE_X, FORCE_Z, MAGNITUDE, DIRECTION), e.force.quantities, strict=True))
         for name, q in {GROSS: e.gross, NET: e.net, **force}.items():
             self.quantity(q, *self.limits[name])
-        for q in e.load:
+        for q in e.load.quantities:
             self.quantity(q, -1e9, 1e9)
         self.seen[e.gross.status] += 1
         for q in (e.gross, e.net):
@@ -179,7 +180,7 @@ class Judge:
             assert e.booking.number > 0
             assert np.isfinite(e.booking.mass)
             assert 0.0 < e.booking.standard_error <= self.rated
-        self.frames(e, dict(out.frames))
+        self.frames(e, dict(frames(self.publication, e)))
 
     def quantity(self, q, low, high):
         if q.status is Status.INVALID:
@@ -236,17 +237,19 @@ def test_a_million_arbitrary_frames(name, real, stretch, calm):
     print(f"CYLFORCE_FUZZ_SEED={seed}")
     loaded, core = machine(name, real)
     source, judge = Source(loaded, core, np.random.default_rng(seed), stretch), Judge(core)
-    state, frames, ticks = core.begin(), 0, 0
+    state, frames, ticks = WeighingService.start(core), 0, 0
     for event in source.opening(calm):
-        state, out = step(core, state, event)
+        out = fed(state, event)
         judge.look(out)
     print("opening", {s.name: n for s, n in judge.seen.items()})
     assert min(judge.seen.values()) > 0
     while frames < FRAMES // 2:
-        if state.watch.suspicion.level is Level.REJECTED:  # sensors that contradict each other: a new start is the cure
-            state = core.begin()
+        if (
+            state.monitor.suspicion.level is Level.REJECTED
+        ):  # sensors that contradict each other: a new start is the cure
+            state = WeighingService.start(core)
         for event in chain(source.stretch(), source.nonsense(), source.burst()):
-            state, out = step(core, state, event)
+            out = fed(state, event)
             judge.look(out)
             ticks += isinstance(event, Tick)
             frames += isinstance(event, Frame)

@@ -6,7 +6,7 @@ import pytest
 
 import statics
 from cylforce.mechanics.gravity import normal_gravity
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.signals.units import DEGREE
 from scenarios import EXCAVATOR

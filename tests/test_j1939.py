@@ -1,6 +1,7 @@
 """The values on J1939: what a truck's display reads, and whose the address is."""
 
 import math
+from dataclasses import replace
 
 import cantools
 import pytest
@@ -27,10 +28,12 @@ DBC = cantools.database.load_string(dbc(publication(64, 0.05, 1500.0, 300e3, 0.0
 
 def estimate(net=812.0, error=4.0, force=84_000.0, turn=-1.0, t_us=10_000_000):
     nothing = no_estimate(t_us, Reason.STARTING, None)
-    soil = nothing.soil._replace(
-        magnitude=Quantity(force, 100.0, Status.OK, Reason.NONE), direction=Quantity(turn, 0.1, Status.OK, Reason.NONE)
+    soil = replace(
+        nothing.soil,
+        magnitude=Quantity(force, 100.0, Status.OK, Reason.NONE),
+        direction=Quantity(turn, 0.1, Status.OK, Reason.NONE),
     )
-    return nothing._replace(net=Quantity(net, error, Status.DEGRADED, Reason.AT_REST), soil=soil)
+    return replace(nothing, net=Quantity(net, error, Status.DEGRADED, Reason.AT_REST), soil=soil)
 
 
 def test_identifiers_are_those_of_the_standard():

@@ -11,10 +11,10 @@ from cylforce.programs.live.books import open_recorder
 from cylforce.programs.replay import run_replay
 from cylforce.programs.run import Daemon
 from cylforce.records.writing import BookedBucket, Change
-from cylforce.service.commands import NEXT, PRODUCT, TARGET
+from cylforce.service.commands import NEXT, PRODUCT, TARGET, Scale
 from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import NO_TRUCK, loaded
-from cylforce.service.state import Memory, Scale
+from cylforce.service.memory import Memory
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking
 from scenarios import EXCAVATOR
@@ -43,7 +43,7 @@ async def served(path, log, requests):
         await until(lambda count=count: len(answers) == count)
     published = daemon.counts.steps + SHOWN_STEPS
     await until(lambda: daemon.counts.steps >= published and daemon.node.raw(LOADING, RECORDS) == RECORDING)
-    state, shown = daemon.state, {sub: daemon.node.raw(LOADING, sub) for sub in range(1, RECORDS + 1)}
+    state, shown = daemon.weighing, {sub: daemon.node.raw(LOADING, sub) for sub in range(1, RECORDS + 1)}
     await daemon.stop(loop)
     panel.close()
     recorder.close()
@@ -65,7 +65,7 @@ def test_a_restart_changes_nothing(tmp_path):
     assert (shown[7], shown[8], shown[9], shown[10], shown[RECORDS]) == (8800, 1, 8, 8, RECORDING)
     found = run_replay(MACHINE, log, None, lambda sentence: None)
     assert found.different == 0
-    assert found.state.memory == state.memory
+    assert found.service.memory == state.memory
     again, _ = asyncio.run(served(path, log, [(NEXT, b"next")]))
     assert (again.scale, again.truck.number, again.truck.target) == (kept.scale, 2, 9000.0)
-    assert again.weighing.books.booking.number == 8
+    assert again.bookings.booking.number == 8

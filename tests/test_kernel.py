@@ -14,18 +14,20 @@ from cylforce.estimation.kernel import choice, making
 from cylforce.estimation.kernel.solving import room, solver
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.recursive import Root, forget, solution, update
-from cylforce.estimation.regressor import FilteredRegressor, Regressor, Rows
+from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.linkages import FourBar
-from cylforce.service.adaptation import OWN, USUAL, Adapter
-from cylforce.service.loading.lift import kept
-from cylforce.service.pipeline import Pipeline
-from cylforce.service.step import Core, step
+from cylforce.service.adaptation import OWN, USUAL, DriftConstants, DriftFilter
+from cylforce.service.core import Core
+from cylforce.service.loading.lift import lift_numbers
+from cylforce.service.pipeline import Pipeline, PipelineConstants
+from cylforce.service.publication import frames
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Tick
 from cylforce.signals.kinds import INERTIAL, Kind, Signal
 from instants import ALL, unexplained_of
 from machines import excavator, stick_and_bucket
-from scenarios import CONFIG, cycles, identified
+from scenarios import CONFIG, cycles, fed, identified
 
 SEED = 71
 STEPS = 60
@@ -141,10 +143,10 @@ def test_rows_are_those_of_the_laws(kernel, name, draw):
     sizes, now = column_sizes(model, slow.columns), column_sizes(model, np.array([q[0] for q in quick]))
     changing = np.abs([q[2] for q in quick]).max(axis=(0, 1)) + 1e-300
     force = np.abs(slow.torque).max()
-    pipeline = Pipeline(model, kernel=kernel)
-    at = pipeline.begin(making.numbers(channels[0]))
+    pipeline = Pipeline.start(PipelineConstants(model, kernel=kernel))
+    pipeline.begin(making.numbers(channels[0]))
     for k, here in enumerate(channels[1:]):
-        at, instant = pipeline.advance(at, making.numbers(here), 1)
+        instant = pipeline.update(making.numbers(here))
         rows = instant.slow
         assert_columns(rows.columns, slow.columns[k], sizes)
         assert_columns(rows.torque, slow.torque[k], force)
@@ -155,7 +157,7 @@ def test_rows_are_those_of_the_laws(kernel, name, draw):
         np.testing.assert_array_equal(instant.reversing, turns)
         np.testing.assert_allclose(instant.speed, moved.motion.speed[k], rtol=0, atol=1e-12)
     good = np.array([moved.usable[-1][list(acting)].all() for acting in model.acting])
-    np.testing.assert_array_equal(at.waiting == model.settle_steps, ~good)
+    np.testing.assert_array_equal(pipeline.waiting == model.settle_steps, ~good)
 
 
 def test_the_motion_leaves_the_linkages_range():
@@ -206,7 +208,7 @@ def test_an_instant_is_taken_in_as_by_least_squares(kernel):
     torque, variance, used = rng.normal(size=3), rng.uniform(0.5, 2.0, 3), np.array([True, False, True])
     gram = rng.normal(size=(4, size + drifts))
     work, nothing = room(24), np.zeros(4)
-    new = kept(root, nothing, np.zeros((4, 4)), gram)
+    new = lift_numbers(root, gram, (nothing, np.zeros((4, 4))))
     np.frombuffer(work)[:] = np.concatenate([columns.ravel(), torque, variance, used, np.zeros(3)])
     kernel.take(made, rows, left, work, new)
     found, wanted = np.frombuffer(new), update(root, columns[used], torque[used], variance[used])
@@ -255,17 +257,19 @@ def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
     """Information of `recursive.forget` and `update`, drift and covariance by an inverse of it with the prior."""
     rng = np.random.default_rng(SEED)
     model, tares, *_ = solving(kernel, rng)
-    adapter = Adapter(model, tares._replace(values=tares.values * (0.1 if limited else 1e3)), kernel=kernel)
-    drift, columns = adapter.begin(), rng.normal(size=(3, len(model.filtered.regressor.names)))
+    constants = DriftConstants(model, tares._replace(values=tares.values * (0.1 if limited else 1e3)), kernel=kernel)
+    drift, found = DriftFilter.start(constants), DriftFilter.start(constants)
+    columns = rng.normal(size=(3, len(model.filtered.regressor.names)))
     columns[:, model.at_rest] = 0.0
     n, torque, variance = drift.root.right.size, 10.0 * rng.normal(size=3), rng.uniform(1.0, 2.0, 3)
     root = Root(np.triu(rng.normal(size=(n, n))) + np.diag(np.diag(drift.root.factor)), rng.normal(size=n))
-    before = drift._replace(root=root, waited=4, values=0.1 * rng.normal(size=n - OWN))
-    found = adapter.step(before, unexplained_of(columns, torque, variance), ALL)
+    before = 0.1 * rng.normal(size=n - OWN)
+    found.root, found.waited, found.values = root, 4, before
+    found.update(unexplained_of(columns, torque, variance), ALL)
     load = columns[:, : len(model.parameters)] @ model.load
-    rows = np.concatenate([load, load @ adapter._usual[:, None], adapter.columns(Rows(columns, torque))], 1)
+    rows = np.concatenate([load, load @ constants.usual[:, None], columns[..., model.changing]], 1)
     kept_root = forget(root, rows, KEEP)
-    observed = torque + rows[:, OWN:] @ before.values
+    observed = torque + rows[:, OWN:] @ before
     wanted = update(kept_root, rows, observed, 60.0 * variance)
     information = wanted.factor.T @ wanted.factor
     np.testing.assert_allclose(found.root.factor.T @ found.root.factor, information, rtol=1e-9, atol=1e-9)
@@ -275,7 +279,7 @@ def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
     prior[OWN - 1, OWN - 1], mean[OWN - 1] = 1.0 / wrong**2, amount / wrong**2
     covariance = np.linalg.inv(information + prior)
     both = covariance @ (wanted.factor.T @ wanted.right + mean)
-    low, high = adapter._limits
+    low, high = constants._limits()
     np.testing.assert_allclose(found.values, np.clip(both[OWN:], low, high), rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(found.covariance, covariance[OWN:, OWN:], rtol=1e-6, atol=1e-9)
     squares = np.split(
@@ -324,16 +328,22 @@ def test_both_forms_give_the_same_bits(monkeypatch):
     for form in (choice.INTERPRETED, choice.choice().kernel):
         monkeypatch.setattr(choice, "chosen", lambda form=form: form)
         core, found = Core(loaded.service, tares), []
-        state = core.begin()
+        service = WeighingService.start(core)
         for event in events:
-            state, out = step(core, state, event)
+            out = fed(service, event)
             if isinstance(event, Tick):
-                lift, pipe = state.weighing.lift, state.pipe
-                numbers = (lift.kept.tobytes(), state.inputs.kept.tobytes(), state.interaction.unrest.kept.tobytes())
-                found.append((out.frames, numbers, state.recognition.gram.tobytes(), pipe and pipe.kept.tobytes()))
+                whole = (
+                    service.load.lift.numbers,
+                    service.inputs.state,
+                    service.force.noise.numbers,
+                    service.recognizer.gram,
+                    service.pipeline.state or b"",
+                )
+                sent = frames(core.service.publication, out.estimate)
+                found.append((sent, [bytes(memoryview(numbers)) for numbers in whole]))
         ways.append(found)
     assert choice.choice().kernel is not choice.INTERPRETED
-    assert state.estimate.booking is not None
+    assert service.estimate.booking is not None
     assert ways[0] == ways[1]
 
 

@@ -1,6 +1,7 @@
 """Parts of a step that are arithmetic only: as the same laws in arrays say, in both forms of the kernel."""
 
 from array import array
+from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from cylforce.estimation.kernel.solving import Limits, room, solver
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import residual
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
 from cylforce.service.contact.noise import SHOWN
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
@@ -150,8 +151,8 @@ def test_groups_are_compared_as_by_an_analysis_of_variance(kernel):
 def test_frames_that_are_judged_together_are_judged_as_one_by_one(kernel):
     """Whole, short, long and foreign ones, in any order: the same array; more at once than come in a tick, too."""
     service, rng = load(EXCAVATOR).service, np.random.default_rng(SEED)
-    assembler = Assembler(service)
-    pdos, moving = [pdo for node in service.nodes for pdo in node.pdos], assembler.still
+    together, singly, whole = (assembler(service) for _ in range(3))
+    pdos, moving = [pdo for node in service.nodes for pdo in node.pdos], together.constants.still
     values = {s.name: (s.low + s.high) / 2.0 for s in service.machine.signals}
     frames = []
     for k in range(400):
@@ -161,15 +162,15 @@ def test_frames_that_are_judged_together_are_judged_as_one_by_one(kernel):
             data = data[:1] if k % 2 else data + b"\0"
         can_id = pdo.can_id if k % 53 else int(rng.choice([0x123, 0x700 + service.nodes[0].node_id]))
         frames.append(Frame(1_000_000 + 1250 * k, can_id, data if k % 53 else b"\x05"))
-    together = singly = assembler.begin()
     for first in range(0, len(frames), 8):
-        together = assembler.receive(together, frames[first : first + 8], moving)
+        together.receive(frames[first : first + 8], moving)
     for frame in frames:
-        singly = assembler.receive(singly, [frame], moving)
-    assert together.kept == singly.kept == assembler.receive(assembler.begin(), frames, moving).kept
-    assert all(together.counters)
-    assert any(channel.reason is Reason.NONE for channel in together.channels)
-    assert isinstance(together.kept, array)
+        singly.receive([frame], moving)
+    whole.receive(frames, moving)
+    assert together.state == singly.state == whole.state
+    assert all(astuple(together.counters))
+    assert any(channel.reason == Reason.NONE for channel in together.channels)
+    assert isinstance(together.state, array)
 
 
 def test_what_is_sent_is_the_nearest_integer_of_two_the_even_one(kernel):

@@ -1,15 +1,16 @@
 """The published force is late by a known delay: its standard errors contain how much it has changed since."""
 
+from array import array
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 import pytest
 
-from cylforce.service.contact.events import Watcher, clearness
-from cylforce.service.contact.lateness import NOT_BEGUN, Lateness, force_delay_s
-from cylforce.service.contact.noise import Solved
+from cylforce.service.contact.events import ContactConstants, ContactDetector, clearness
+from cylforce.service.contact.lateness import Lateness, force_delay_s, no_forces
+from cylforce.service.contact.noise import SolvedForce
+from cylforce.service.core import Core
 from cylforce.service.force import ForceSensor
-from cylforce.service.step import Core
 from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Reason, Status
 from test_soil import PATIENT
@@ -99,22 +100,24 @@ def test_contact_is_noticed_although_the_force_rises(core):
 def test_a_force_that_still_changes_quickly_is_less_clear():
     """6 kN with 0.5 kN of standard error are 12 of them; with 1 kN of change along it within its delay, 5.4. A change
     across it does not matter."""
-    seen = Solved(6e3, -2e3, 0.5e3**2, 0.0, 0.5e3**2, 2e3, 144.0, NOT_BEGUN)
+    seen = SolvedForce(6e3, -2e3, 0.5e3**2, 0.0, 0.5e3**2, 2e3, 144.0, array("d"))
     assert clearness(seen, (0.0, 0.0)) == pytest.approx(144.0)
     assert clearness(seen, (1e3, 0.0)) == pytest.approx(36.0 / 1.25)
     assert clearness(seen, (0.0, 1e3)) == pytest.approx(144.0)
 
 
 def test_a_force_that_still_changes_quickly_is_no_contact_yet():
-    seen, watcher = Solved(6e3, -2e3, 0.5e3**2, 0.0, 0.5e3**2, 2e3, 144.0, NOT_BEGUN), Watcher(100e3, 1000.0, STEP)
-    touching = [watcher.step(watcher.begin(), 0, seen, late, 0j, 0j).touching for late in ((0.0, 0.0), (1e3, 0.0))]
-    assert touching == [True, False]
+    seen = SolvedForce(6e3, -2e3, 0.5e3**2, 0.0, 0.5e3**2, 2e3, 144.0, array("d"))
+    for late, touching in (((0.0, 0.0), True), ((1e3, 0.0), False)):
+        contact = ContactDetector.start(ContactConstants(100e3, STEP))
+        contact.update(0, seen, late, 0j, 0j)
+        assert contact.touching is touching
 
 
 def test_before_the_first_force_none_is_late():
     """Half a step more than two steps of delay: the change over two steps, by a quarter more."""
-    late, recent, found = Lateness(0.025, STEP), NOT_BEGUN, []
+    late, recent, found = Lateness(0.025, STEP), no_forces(), []
     for x, z in ((5.0, 1.0), (5.0, 1.0), (9.0, 1.0), (9.0, -3.0), (9.0, -3.0)):
         found += late.error(recent, x, z)
-        recent = late.keep(recent, x, z)
+        recent.keep(x, z, late.steps)
     assert found == pytest.approx([0.0, 0.0, 0.0, 0.0, 5.0, 0.0, 5.0, -5.0, 0.0, -5.0])

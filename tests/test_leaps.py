@@ -7,12 +7,23 @@ import pytest
 from scipy.stats import chi2
 
 from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.heard import CODES
 from cylforce.estimation.kernel.making import numbers
-from cylforce.service.plausibility.changing import GROUP
-from cylforce.service.plausibility.leaping import AFTER, BEFORE, DEGREE, FREE, KNOWN, LONGEST, Leaping
-from cylforce.service.plausibility.quiet import CODES, QUIET, TENTH, begun, listened, taken_back
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
-from cylforce.service.step import Core
+from cylforce.estimation.model import Model
+from cylforce.service.core import Core
+from cylforce.service.plausibility.detector import Interruption, MonitoredMachine
+from cylforce.service.plausibility.pressure_groups import GROUP, GROUPS, QUIET, TENTH, GroupConstants, GroupStatistics
+from cylforce.service.plausibility.pressure_leap import (
+    AFTER,
+    BEFORE,
+    DEGREE,
+    FREE,
+    KNOWN,
+    LONGEST,
+    LeapTest,
+    PressureLeap,
+)
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
 from faulting.edits import BAR
@@ -28,7 +39,7 @@ T = np.arange(SIZE) - (SIZE - 1) / 2.0
 @pytest.fixture(scope="module")
 def leaping():
     """The excavator's pressures: head and rod side of boom, stick and bucket."""
-    return Leaping(load(EXCAVATOR).service.machine, 100.0)
+    return LeapTest(load(EXCAVATOR).service.machine, 100.0)
 
 
 def smooth(rng):
@@ -64,13 +75,13 @@ def test_exchanged_sides_are_found(leaping):
     for cylinder in range(3):
         head, rod = 2 * cylinder, 2 * cylinder + 1
         doubt = leaping.leap(exchanged(smooth(rng), (head, rod)))
-        assert doubt[:3] == (Level.DOUBTED, SensorFault.SWAPPED, (leaping.signals[head], leaping.signals[rod]))
+        assert doubt == SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, (leaping.signals[head], leaping.signals[rod]))
 
 
 def test_exchanged_nodes_are_found(leaping):
     rng = np.random.default_rng(4)
     doubt = leaping.leap(exchanged(smooth(rng), (0, 2), (1, 3)))
-    assert doubt[:3] == (Level.DOUBTED, SensorFault.SWAPPED, tuple(leaping.signals[:4]))
+    assert doubt == SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, tuple(leaping.signals[:4]))
 
 
 def test_signals_that_read_the_same_are_not_exchanged(leaping):
@@ -86,7 +97,7 @@ def test_a_pressure_that_steps_is_found_with_its_size(leaping):
         window = smooth(rng)
         window[BEFORE:, pressure] += bar * BAR
         doubt = leaping.leap(window)
-        assert doubt[:3] == (Level.DOUBTED, SensorFault.STEPPED, (leaping.signals[pressure],))
+        assert replace(doubt, size=0.0) == SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (leaping.signals[pressure],))
         assert doubt.size == pytest.approx(bar * BAR, abs=BAR)
 
 
@@ -147,8 +158,8 @@ def ratios(window, noise, exchanges):
 def test_arrays_are_asked_only_of_what_can_be_sure(leaping, form):
     """Six pressures, one with a step of up to 60 times the sensor's noise, two exchanged that are as far apart: what
     the kernel says at the first look, and what least squares say, with and without step or exchange."""
-    rng, noise = np.random.default_rng(16), leaping.machine.signals[leaping.signals[0]].standard_error
-    pairs, most = leaping._pairs
+    rng, noise = np.random.default_rng(16), load(EXCAVATOR).service.machine.signals[leaping.signals[0]].standard_error
+    pairs, most = leaping._pairs, leaping._most_pairs
     told = (leaping._curves, DEGREE + 1, np.full(6, noise**2), float(FREE), float(KNOWN), leaping.least, pairs)
     seen = set()
     for k in range(300):
@@ -175,43 +186,51 @@ def test_when_all_of_them_are_hit_none_stepped(leaping):
     assert leaping.leap(window).cause is SensorFault.STEPPED
 
 
-def course(leaping, readings, steps=None):
-    """The state along readings (T, 6) that come at steps."""
-    state = leaping.begin()
+def detector(machine=None):
+    """A detector of leaps before any reading."""
+    service = load(EXCAVATOR).service
+    model = Model(machine or service.machine, service.filters, ())
+    return PressureLeap.start(MonitoredMachine(model, model.data_sheet, 300e3))
+
+
+def course(readings, steps=None, machine=None):
+    """The detector after readings (T, 6) that come at steps."""
+    leap = detector(machine)
     for k, row in zip(steps or range(1, len(readings) + 1), readings.tolist(), strict=True):
-        state = leaping.step(state, numbers(row), k)
-    return state
+        leap.take(numbers(row), k, numbers(()))
+    return leap
 
 
-def test_a_leap_is_looked_for_as_readings_come(leaping):
+def test_a_leap_is_looked_for_as_readings_come():
     rng = np.random.default_rng(8)
     window = smooth(rng)
     long = np.concatenate([window[:1] + rng.normal(0.0, NOISE, (30, 6)), window])
     long[-AFTER:, 2] += 5.0 * BAR
-    assert course(leaping, long[:-1]).doubt == NOTHING_SUSPECTED
-    state = course(leaping, long)
+    assert course(long[:-1]).doubt == NOTHING_SUSPECTED
+    state = course(long)
     assert (state.doubt.cause, state.since) == (SensorFault.STEPPED, len(long))
 
 
-def test_nothing_is_said_across_a_pause(leaping):
+def test_nothing_is_said_across_a_pause():
     window = smooth(np.random.default_rng(9))
     window[BEFORE:, 2] += 50.0 * BAR
     steps = [*range(1, BEFORE + 1), *range(BEFORE + AFTER + 2, BEFORE + 2 * AFTER + 2)]
-    assert course(leaping, window, steps).doubt == NOTHING_SUSPECTED
-    state = course(leaping, window[:BEFORE])
-    assert not leaping.interrupt(state).readings
+    assert course(window, steps).doubt == NOTHING_SUSPECTED
+    leap = course(window[:BEFORE])
+    leap.interrupt(Interruption(frozen=False, strayed=()))
+    assert not leap.readings
 
 
-def test_a_reading_that_is_missing_does_not_matter(leaping):
+def test_a_reading_that_is_missing_does_not_matter():
     window = smooth(np.random.default_rng(9))
     window[BEFORE:, 2] += 50.0 * BAR
     for lost in (3, BEFORE + 2, SIZE - 2):
         steps = [k for k in range(1, SIZE + 1) if k != lost]
-        state = course(leaping, np.delete(window, lost - 1, axis=0), steps)
+        state = course(np.delete(window, lost - 1, axis=0), steps)
         assert state.doubt.cause is SensorFault.STEPPED
 
 
-def test_a_node_whose_frames_waited_has_not_leapt(leaping):
+def test_a_node_whose_frames_waited_has_not_leapt():
     """Five frames of a node are missing; of those that then come together the tick finds the oldest one, the next tick
     the newest. The pressure has changed by 10 bar between them."""
     rng, gone, size = np.random.default_rng(11), range(40, 45), 70
@@ -219,34 +238,33 @@ def test_a_node_whose_frames_waited_has_not_leapt(leaping):
     readings = rising + rng.normal(0.0, NOISE, rising.shape)
     readings[gone.stop, 0] = readings[gone.start, 0]
     steps = [k for k in range(size) if k not in gone]
-    assert course(leaping, readings[steps], steps).doubt == NOTHING_SUSPECTED
+    assert course(readings[steps], steps).doubt == NOTHING_SUSPECTED
 
 
 @pytest.mark.parametrize("late", [True, False])
-def test_no_leap_is_concluded_beside_a_reading_that_is_late(leaping, late):
+def test_no_leap_is_concluded_beside_a_reading_that_is_late(late):
     """Its frame is still the one before."""
-    window, state = smooth(np.random.default_rng(12)), leaping.begin()
+    window, leap = smooth(np.random.default_rng(12)), detector()
     window[BEFORE:, 2] += 50.0 * BAR
     for k, row in enumerate(window.tolist(), 1):
         seen = k - 1 if late and k == BEFORE else k
-        state = leaping.step(state, numbers(row), k, numbers([1e4 * seen] * len(row)))
-    assert (state.doubt == NOTHING_SUSPECTED) is late
+        leap.take(numbers(row), k, numbers([1e4 * seen] * len(row)))
+    assert (leap.doubt == NOTHING_SUSPECTED) is late
 
 
-def test_pressures_that_are_sent_every_other_step_are_read_so(leaping):
+def test_pressures_that_are_sent_every_other_step_are_read_so():
     """Else each value but the first of a motion would be a leap, or noise."""
-    slower = tuple(replace(s, period_s=0.02) for s in leaping.machine.signals)
-    slow = Leaping(replace(leaping.machine, signals=slower), 100.0)
+    machine = load(EXCAVATOR).service.machine
+    slower = replace(machine, signals=tuple(replace(s, period_s=0.02) for s in machine.signals))
     window = smooth(np.random.default_rng(10))
-    assert course(slow, np.repeat(window, 2, axis=0)).readings == numbers(window.ravel())
+    assert course(np.repeat(window, 2, axis=0), machine=slower).readings == numbers(window.ravel())
 
 
 def test_a_machine_without_pressures_has_no_leaps():
-    bare = Leaping(replace(rig(), signals=()), 100.0)
-    state = bare.begin()
+    leap = detector(replace(rig(), signals=()))
     for k in range(1, 40):
-        state = bare.step(state, numbers(()), k)
-    assert state.doubt == NOTHING_SUSPECTED
+        leap.take(numbers(()), k, numbers(()))
+    assert leap.doubt == NOTHING_SUSPECTED
 
 
 @pytest.fixture(scope="module")
@@ -286,7 +304,7 @@ def test_exchanged_sides_are_doubted_at_once_in_the_ground(work):
     assert len(after) > 80
     assert all(e.force.x.status is not Status.OK and e.gross.status is not Status.OK for e in after)
     assert after[-1].force.x.reason is Reason.SENSORS_DISAGREE
-    assert state.watch.suspicion.level is not Level.FINE
+    assert state.monitor.suspicion.level is not Level.FINE
 
 
 def test_a_leap_that_was_none_is_taken_back_in_the_air_and_its_bucket_booked(work):
@@ -295,20 +313,20 @@ def test_a_leap_that_was_none_is_taken_back_in_the_air_and_its_bucket_booked(wor
     spoilt = with_value(events, core.service, "stick_rod_pressure", lambda _, v: v + 10.0 * BAR, DIGS, DIGS + 1.0)
     cut = [e for e in spoilt if seconds(e) < DIGS + 0.5]
     state, estimates, _ = through(core, cut)
-    assert state.watch.suspicion.cause is SensorFault.STEPPED
+    assert state.monitor.suspicion.cause is SensorFault.STEPPED
     assert estimates[-1].force.x.reason is Reason.SENSORS_DISAGREE
     state, estimates, _ = through(core, spoilt)
-    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert state.monitor.suspicion == NOTHING_SUSPECTED
     assert any(e.force.x.status is Status.OK for e in estimates[-1000:])
     assert state.estimate.booking.number == count
 
 
 def listens(course, stated=np.inf):
     """Whose noise is gone after each group of readings (T,), and the state then."""
-    state, groups, found = begun(1), np.zeros((2, 4, 1)), []
-    for group in course.reshape(-1, GROUP, 1):
-        groups = np.concatenate([groups[:, 1:], [[group.mean(axis=0)], [group.var(axis=0, ddof=1)]]], axis=1)
-        state = listened(state, group, groups, np.array([True]), numbers([stated**2]))
+    constants, state, found = GroupConstants(rig()), GroupStatistics.start(1), []
+    constants.signals, constants.stated = [0], numbers([stated**2])
+    for group in course.reshape(-1, GROUP):
+        state.take(constants, numbers(group), numbers([1.0]), np.array([True]))
         found.append(bool(state.gone[0]))
     return found, state
 
@@ -331,12 +349,12 @@ def test_noise_is_learnt_anew_when_the_pressure_changes_nevertheless():
     rng = np.random.default_rng(12)
     course = moving(rng)
     _, state = listens(np.concatenate([course, course[-1] + rng.normal(0.0, 0.2, 20 * GROUP)]))
-    changes = np.array([True])
-    assert taken_back(state, changes, 20) is state
-    assert taken_back(state, ~changes, 10) is state
-    back = taken_back(state, changes, 10)
-    assert not back.gone.any()
-    assert not back.known.any()
+    assert state.since[0] > GROUPS
+    state.learn_anew(np.array([False]))
+    assert state.gone.all()
+    state.learn_anew(np.array([True]))
+    assert not state.gone.any()
+    assert not state.known.any()
 
 
 def test_more_noise_than_the_sensor_states_is_the_oils():

@@ -10,7 +10,7 @@ from cylforce.can.opening import open_bus
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.run import Daemon
 from cylforce.service import commands
-from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Quantity, Reason, Status, invalid
 from cylforce.signals.events import Frame
@@ -123,9 +123,10 @@ OBEYED = [
 @pytest.mark.parametrize(("what", "data", "mass", "verdict", "words"), OBEYED)
 def test_a_command_is_answered_in_words(what, data, mass, verdict, words):
     """The rule, the value and the limit."""
-    answer = commands.obey(commands.Command(what, data), (10.0, 0.0), mass, RATED)
+    before = commands.Scale(10.0)
+    scale, answer = commands.obey(commands.ScaleCommand(what, data), before, mass, RATED)
     assert (answer.verdict, answer.words) == (verdict, words)
-    assert (answer.scale == (10.0, 0.0)) == (verdict != 0)
+    assert (scale == before) == (verdict != 0)
 
 
 def test_a_refused_command_is_logged(daemon):

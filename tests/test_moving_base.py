@@ -14,8 +14,8 @@ from cylforce.estimation.model import Model
 from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.machine import base_parameters
 from cylforce.mechanics.motion import LEVEL, Attitude, motion
-from cylforce.service.contact.rocking import STILL, Rocker
-from cylforce.service.weighing import Weigher
+from cylforce.service.contact.rocking import BaseConstants, BaseFilter
+from cylforce.service.weighing import LoadConstants
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.signals.kinds import INERTIAL, UNIT, Kind, Signal
 from cylforce.simulation.scenario import moves
@@ -198,13 +198,13 @@ def rocker():
     model = Model(excavator(), FILTERS, ())
     tares = model.data_sheet
     pose = np.array([0.4, -1.4, -0.6, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
-    return Rocker(model, tares), pose
+    return BaseConstants(model, tares), model, tares, pose
 
 
-def remainder(of, pose, acceleration, error=100.0):
+def remainder(model, tares, pose, acceleration, error=100.0):
     """What the first pin's acceleration (forwards, upwards) leaves of the torques, by the difference of two gravities,
     while the bucket is empty."""
-    model, phi = of.model, of.tares.values
+    phi = tares.values
     found = []
     for more in (0.0, complex(*acceleration)):
         specific = (1j * model.machine.gravity + more) * np.exp(-0.1j)
@@ -216,51 +216,55 @@ def remainder(of, pose, acceleration, error=100.0):
     return unexplained_of(columns, torque, np.full(3, error**2))
 
 
-def after(of, pose, left, samples=4000, turning=lambda k: 0.0):
-    """The state after many samples, and the variance of the last rows."""
-    state, lift = STILL, Weigher(of.model, of.tares).begin().lift._replace(taken=1000)
+def after(constants, lift, pose, left, samples=4000, turning=lambda k: 0.0):
+    """The motion of the base after many samples, and the variance of the last rows."""
+    base, lift.taken = BaseFilter.start(constants), 1000
     for k in range(samples):
         pose = pose.copy()
         pose[-3] = 0.1 + turning(k)
-        state, wide = of.step(state, left, numbers(pose), lift, ALL)
-    return state, np.array(wide.variance) + np.array(wide.wider)
+        base.update(left, numbers(pose), lift, ALL)
+    return base, np.array(left.variance) + np.array(left.wider)
 
 
 def test_what_the_torques_have_in_common_is_the_bases_acceleration():
-    of, pose = rocker()
+    constants, model, tares, pose = rocker()
+    lift = LoadConstants(model, tares).new_lift()
     for size in ((0.03, 0.0), (0.0, 0.008)):
-        left = remainder(of, pose, size, error=40.0)
-        state, wide = after(of, pose, left)
+        left = remainder(model, tares, pose, size, error=40.0)
+        state, wide = after(constants, lift, pose, left)
         assert np.sqrt([state.forward, state.upward]) == pytest.approx(size, abs=0.2 * max(size))
         assert wide - np.array(left.variance) == pytest.approx(np.array(left.torque) ** 2, rel=0.4)
-    quiet = remainder(of, pose, (0.0, 0.0))
-    assert after(of, pose, quiet)[1] == pytest.approx(list(quiet.variance))
+    quiet = remainder(model, tares, pose, (0.0, 0.0))
+    assert after(constants, lift, pose, quiet)[1] == pytest.approx(list(quiet.variance))
 
 
 def test_contact_is_no_motion_of_the_base():
-    of, pose = rocker()
-    left = remainder(of, pose, (0.0, 0.5))
-    state, wide = after(of, pose, left, 500)
+    constants, model, tares, pose = rocker()
+    lift = LoadConstants(model, tares).new_lift()
+    left = remainder(model, tares, pose, (0.0, 0.5))
+    state, wide = after(constants, lift, pose, left, 500)
     assert (state.forward, state.upward) == (0.0, 0.0)
     assert wide == pytest.approx(list(left.variance))
 
 
 def test_a_tilt_that_rocks_widens_the_error():
     """One degree at 1 Hz turns the base by 0.49 rad/s^2 rms, and moves a pin at 2 m by 1 m/s^2."""
-    of, pose = rocker()
-    left = remainder(of, pose, (0.0, 0.0))
-    state, wide = after(of, pose, left, turning=lambda k: np.radians(1.0) * np.sin(0.02 * np.pi * k))
+    constants, model, tares, pose = rocker()
+    lift = LoadConstants(model, tares).new_lift()
+    left = remainder(model, tares, pose, (0.0, 0.0))
+    state, wide = after(constants, lift, pose, left, turning=lambda k: np.radians(1.0) * np.sin(0.02 * np.pi * k))
     assert np.sqrt(state.turning) == pytest.approx(np.radians(1.0) * (2 * np.pi) ** 2 / np.sqrt(2.0), rel=0.15)
-    by_hand = sum(np.array(remainder(of, pose, way).torque) ** 2 for way in ((1.0, 0.0), (0.0, 1.0)))
+    by_hand = sum(np.array(remainder(model, tares, pose, way).torque) ** 2 for way in ((1.0, 0.0), (0.0, 1.0)))
     assert wide == pytest.approx(np.array(left.variance) + state.turning * 4.0 * by_hand, rel=0.05)
 
 
 def test_noise_of_the_tilt_is_no_rocking():
-    of, pose = rocker()
+    constants, model, tares, pose = rocker()
+    lift = LoadConstants(model, tares).new_lift()
     rng = np.random.default_rng(1)
-    left = remainder(of, pose, (0.0, 0.0))
-    error = next(s.standard_error for s in of.model.machine.signals if s.kind is Kind.PITCH)
-    state, wide = after(of, pose, left, turning=lambda _: error * rng.standard_normal())
+    left = remainder(model, tares, pose, (0.0, 0.0))
+    error = next(s.standard_error for s in model.machine.signals if s.kind is Kind.PITCH)
+    state, wide = after(constants, lift, pose, left, turning=lambda _: error * rng.standard_normal())
     assert np.sqrt(state.turning) < 0.1
     assert np.all(wide < np.array(left.variance) * 1.5 + 300.0**2)
 
@@ -269,6 +273,8 @@ def test_with_the_sensor_nothing_is_widened():
     m = rigged()
     model = Model(m, FILTERS, ())
     left = unexplained_of(np.zeros((3, len(model.parameters))), np.ones(3), np.ones(3))
-    lift = Weigher(model, model.data_sheet).begin().lift
-    found = Rocker(model, model.data_sheet).step(STILL, left, numbers(np.zeros(12)), lift, ALL)
-    assert found == (STILL, left)
+    lift = LoadConstants(model, model.data_sheet).new_lift()
+    base = BaseFilter.start(BaseConstants(model, model.data_sheet))
+    for _ in range(100):
+        base.update(left, numbers(np.zeros(12)), lift, ALL)
+    assert not any(left.wider)

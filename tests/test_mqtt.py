@@ -6,6 +6,7 @@ import sqlite3
 import threading
 import time
 from contextlib import closing, contextmanager
+from dataclasses import replace
 
 import pytest
 
@@ -58,7 +59,7 @@ def test_a_cancelled_booking_comes_once_more(path, opened):
     recorder = Recorder(path, START)
     kept = recorder.kept
     for _ in range(2):  # the same once more is no change
-        kept = kept._replace(truck=judged(kept.truck, 2, accepted=False).truck)
+        kept = replace(kept, truck=judged(kept.truck, 2, accepted=False).truck)
         recorder.put(Change(START.t_us + 9, kept, None, "cancelled"))
     recorder.close()
     said.clear()

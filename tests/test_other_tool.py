@@ -2,19 +2,22 @@
 
 import pytest
 
-from cylforce.service.step import Core, step
+from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
-from scenarios import EXCAVATOR, identified, played, scene
+from cylforce.signals.events import Tick
+from scenarios import EXCAVATOR, fed, identified, played, scene
 
 OFF_KG = 200.0  # of the empty tool
 STROKES = [(0, 1.5, 4.5, 0.4), (1, 1.5, 4.5, -0.4)]
 
 
-def off(state):
-    """The state of a service that has seen the empty tool off zero."""
-    weighing = state.weighing
-    return state._replace(weighing=weighing._replace(tool=weighing.tool._replace(off=OFF_KG)))
+def off(service):
+    """A copy of a service that has seen the empty tool off zero."""
+    other = service.copied()
+    other.tool_check.off = OFF_KG
+    return other
 
 
 @pytest.fixture(scope="module")
@@ -22,12 +25,12 @@ def work():
     """Each tick of a lift of 300 kg: what is said, and what if the tool is another one."""
     loaded = load(EXCAVATOR)
     core, found = Core(loaded.service, identified(loaded)), []
-    state = core.begin()
+    state = WeighingService.start(core)
     for event in played(loaded, [scene((0.3, -1.2, -0.9), STROKES, 4.5, 300.0)]):
-        before = state
-        state, out = step(core, state, event)
-        if out.estimate is not None:
-            found.append((out.estimate, step(core, off(before), event)[1].estimate))
+        other = off(state) if isinstance(event, Tick) else None
+        out = fed(state, event)
+        if other is not None:
+            found.append((out.estimate, fed(other, event).estimate))
     return found
 
 

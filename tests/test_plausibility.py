@@ -1,43 +1,57 @@
 """Sensors that contradict each other: what each view says of made-up readings, and what the service then publishes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2, f
 
-from cylforce.files.checkpoint import packed, unpacked
-from cylforce.service.loading.lift import kept
-from cylforce.service.plausibility.blocks import NONE, Block, Gatherer, cost
-from cylforce.service.plausibility.changing import CHANGES, COLOURED, CONSTANT, GROUP, GROUPS, Watching
-from cylforce.service.plausibility.driven import LEAST, Driving
-from cylforce.service.plausibility.offsets import UNSURE, VOTES, Offset, Voting
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
-from cylforce.service.plausibility.sweeping import Sweeping, Swept
-from cylforce.service.publication import MAGNITUDE
-from cylforce.service.state import State
-from cylforce.service.step import Core
+from cylforce.files.checkpoint import packed, unpacked_state
+from cylforce.service.adaptation import DriftFilter
+from cylforce.service.core import Core
+from cylforce.service.loading.lift import lift_numbers
+from cylforce.service.plausibility.blocks import Block, cost, no_blocks
+from cylforce.service.plausibility.constant_error import (
+    KEPT,
+    UNSURE,
+    VOTES,
+    ConstantError,
+    ConstantOffset,
+    VoteConstants,
+)
+from cylforce.service.plausibility.driven_tool import LEAST, DrivenTool
+from cylforce.service.plausibility.empty_bucket import EmptyBucket
+from cylforce.service.plausibility.fallen import BelowVacuum, BurstHose
+from cylforce.service.plausibility.monitor import Monitor
+from cylforce.service.plausibility.pressure_groups import CHANGES, COLOURED, GROUP, GROUPS, PressureGroups
+from cylforce.service.plausibility.stuck import CONSTANT, StuckPressure
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.swept_tool import SweptTool
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Force, Quantity, Reason, Status, invalid
 from cylforce.signals.kinds import Kind
 from cylforce.simulation.trajectory import JointCourse, Move
 from faulting.edits import BAR, Fault, edited, named
 from machines import excavator, stick_and_bucket
-from rig import readings, rig
+from rig import monitored, readings, rig, stepped
 from scenarios import EXCAVATOR, cycles, identified, played, scene, through, with_value
 
-STEPS = GROUP * GROUPS
+STEPS, NONE = GROUP * GROUPS, np.zeros(0)
 
 
 def pressure(course, ways=(1.0, -1.0)):
     """What is seen of a rig's head pressure along `course` (T,) [Pa] while the cylinder goes first one way, then the
     other."""
-    watching = Watching(rig())
-    values, state = readings(len(course), head=course, rod=1e6), watching.begin()
+    machine = monitored(rig())
+    stuck, burst, groups = StuckPressure.start(machine), BurstHose.start(machine), PressureGroups.start(machine.groups)
+    values = readings(len(course), head=course, rod=1e6)
     speed = np.repeat(ways, len(course) // len(ways)) * 0.1
     for row, v in zip(values, speed, strict=True):
-        state = watching.step(state, watching.now(row), [v])
-    return bool(state.constant[0]), bool(state.burst[0])
+        stepped(burst, groups, row, [v])
+        stuck.on_step(SimpleNamespace(groups=groups))
+    return bool(stuck.constant[0]), bool(burst.burst[0])
 
 
 def noisy(course, seed=1):
@@ -71,11 +85,13 @@ def test_a_hose_has_burst_when_the_pressure_falls_at_once(steps, burst):
 @pytest.mark.parametrize(("bar", "below"), [(-3.0, True), (-1.5, False)])
 def test_no_pressure_stays_below_vacuum(bar, below):
     """A sensor's zero may be off by a bar, so that vacuum shows as two."""
-    watching = Watching(rig())
-    values, state = readings(STEPS, head=noisy(np.full(STEPS, bar * BAR)), rod=1e6), watching.begin()
-    for row in values:
-        state = watching.step(state, watching.now(row), [0.0])
-    assert (bool(state.below[0]), bool(state.burst[0])) == (below, False)
+    machine = monitored(rig())
+    vacuum, burst = BelowVacuum.start(machine), BurstHose.start(machine)
+    groups = PressureGroups.start(machine.groups)
+    for row in readings(STEPS, head=noisy(np.full(STEPS, bar * BAR)), rod=1e6):
+        stepped(vacuum, groups, row, [0.0])
+        burst.on_step(SimpleNamespace(groups=groups))
+    assert (bool(vacuum.below[0]), bool(burst.burst[0])) == (below, False)
 
 
 def test_a_pressure_that_dips_is_no_burst():
@@ -101,7 +117,7 @@ def acting(x, z):
         (acting(-30e3, 0.0), 0.5 + 0j, False),  # soil resists
         (acting(0.0, -15e3), -0.5j, False),  # a load hangs, and is lowered
         (acting(0.0, -150e3), -0.5j, True),  # no load is as heavy
-        (acting(2e3, -10e3)._replace(covariance=(1e4, 4e4, 2e5)), -0.4 + 0.9j, False),  # lifted, and resists
+        (replace(acting(2e3, -10e3), covariance=(1e4, 4e4, 2e5)), -0.4 + 0.9j, False),  # lifted, and resists
         (acting(0.0, 15e3), 0.5j, True),  # no load pulls upwards
         (acting(400.0, 0.0), 0.5 + 0j, False),
         (acting(6.5e3, 0.0), 0.5 + 0j, True),  # 2 % of the rated force
@@ -110,44 +126,40 @@ def acting(x, z):
     ],
 )
 def test_surroundings_do_not_drive_the_tool(force, velocity, driven):
-    driving = Driving(rig(), 300e3, 0.1)
-    state = driving.begin()
+    tool = DrivenTool.start(monitored(rig(), 200.0))
     for _ in range(20):
-        state = driving.step(state, force, velocity, np.array([1e4]))
-    assert (state.level is Level.REJECTED) is driven
+        tool.take(force, velocity, np.array([1e4]))
+    assert (tool.level is Level.REJECTED) is driven
 
 
 def test_a_fast_arm_that_stops_is_not_driven():
     """Its inertia shows at one sample, which stands for 0.3 m of path; what drives it is there at the next, too."""
-    driving = Driving(rig(), 300e3, 0.2)
     for pushes, driven in (((30e3, 0.0, 0.0), False), ((30e3, 30e3), True)):
-        state, levels = driving.begin(), []
+        tool, levels = DrivenTool.start(monitored(rig())), []
         for push in (0.0, *pushes):
-            state = driving.step(state, acting(push, 0.0), 1.5 + 0j, np.array([1e4]))
-            levels.append(state.level)
+            tool.take(acting(push, 0.0), 1.5 + 0j, np.array([1e4]))
+            levels.append(tool.level)
         assert (max(levels) > Level.FINE) is driven
 
 
 def test_a_machine_that_drives_is_pushed_by_the_heap():
     """Also where the errors of both parts go together: how it pushes says nothing of the mass that is lifted."""
-    driving = Driving(replace(rig(), signals=()), 300e3, 0.1)
-    heap = acting(-40e3, -5e3)._replace(covariance=(1e6, -5e5, 1e6))
+    heap = replace(acting(-40e3, -5e3), covariance=(1e6, -5e5, 1e6))
     cases = ((acting(30e3, 0.0), 0.5 + 0j, False), (acting(0.0, 15e3), 0.5j, True), (heap, 0.3j, False))
     for force, velocity, driven in cases:
-        state = driving.begin()
+        tool = DrivenTool.start(monitored(replace(rig(), signals=()), 200.0))
         for _ in range(20):
-            state = driving.step(state, force, velocity, np.array([1e4]))
-        assert (state.level is Level.REJECTED) is driven
+            tool.take(force, velocity, np.array([1e4]))
+        assert (tool.level is Level.REJECTED) is driven
 
 
 def test_a_gyro_on_a_loader_does_not_say_that_it_stands():
     """It measures how the loader steers: what pushes horizontally may be the heap."""
     for arm, driven in ((stick_and_bucket(), False), (excavator(), True)):
-        driving = Driving(arm, 300e3, 0.1)
-        state = driving.begin()
+        tool = DrivenTool.start(monitored(arm, 200.0))
         for _ in range(20):
-            state = driving.step(state, acting(30e3, 0.0), 0.5 + 0j, np.ones(len(arm.rows)))
-        assert (state.level is Level.REJECTED) is driven
+            tool.take(acting(30e3, 0.0), 0.5 + 0j, np.ones(len(arm.rows)))
+        assert (tool.level is Level.REJECTED) is driven
 
 
 @pytest.mark.parametrize(
@@ -155,15 +167,14 @@ def test_a_gyro_on_a_loader_does_not_say_that_it_stands():
     [
         (acting(0.0, 0.0), False),  # all of it is the load's
         (acting(30e3, 0.0), True),
-        (acting(0.0, 0.0)._replace(x=invalid(Reason.SINGULAR)), False),
+        (replace(acting(0.0, 0.0), x=invalid(Reason.SINGULAR)), False),
     ],
 )
 def test_the_force_of_a_weighed_load_drives_nothing(beside, driven):
-    driving = Driving(rig(), 300e3, 0.1)
-    state = driving.begin()
+    tool = DrivenTool.start(monitored(rig(), 200.0))
     for _ in range(20):
-        state = driving.step(state, acting(30e3, -15e3), 0.5 + 0j, np.array([1e4]), beside)
-    assert (state.level is Level.REJECTED) is driven
+        tool.take(acting(30e3, -15e3), 0.5 + 0j, np.array([1e4]), beside)
+    assert (tool.level is Level.REJECTED) is driven
 
 
 def test_a_load_that_is_reached_out_while_the_house_slews_drives_nothing(machine):
@@ -175,13 +186,13 @@ def test_a_load_that_is_reached_out_while_the_house_slews_drives_nothing(machine
     state, estimates, _ = through(core, played(load(EXCAVATOR), [swung]))
     outwards = [e.force.x.value for e in estimates if e.force.x.status is not Status.INVALID]
     assert max(outwards) > driven_least(core)
-    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert state.monitor.suspicion == NOTHING_SUSPECTED
     assert {e.gross.status for e in estimates[800:1200]} == {Status.OK}
 
 
 def driven_least(core):
     """The smallest force [N] that counts as a push."""
-    return LEAST * core.limits[MAGNITUDE][1]
+    return LEAST * core.monitor.rated_force
 
 
 def slews(rate):
@@ -196,32 +207,28 @@ def test_nothing_is_swept_through_the_ground(kind, course):
     """Nearly half a radian a second: the third second that no load explains is one too many; one that a load does ends
     it, rest and reversing do not."""
     signal = replace(rig().signals[0], kind=kind)
-    sweeping = Sweeping(replace(rig(), signals=(signal,)), 0.2, 100.0)
-
-    def second(state, explained):
-        for _ in range(5):
-            state = sweeping.step(state, slews(course))
-        return sweeping.ended(state, explained=explained)
-
-    state, levels = Swept(), []
+    tool, levels = SweptTool.start(monitored(replace(rig(), signals=(signal,)))), []
     for explained in (False, None, False, False, True, *[False] * 7):
-        state = second(state, explained)
-        levels.append(state.level)
-    assert state.fast
+        for _ in range(5):
+            tool.slew(slews(course))
+        tool.end_block(explained)
+        levels.append(tool.level)
+    assert tool.fast
     found = [0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 1, 2]
     assert levels == [Level(k) for k in found]
 
 
 def test_without_a_slew_sensor_nothing_is_swept():
-    sweeping = Sweeping(replace(rig(), signals=()), 0.2, 100.0)
-    assert sweeping.step(Swept(), slews(lambda _: 5.0)) == Swept()
+    tool = SweptTool.start(monitored(replace(rig(), signals=())))
+    tool.slew(slews(lambda _: 5.0))
+    assert (tool.running, tool.fast) == (0.0, False)
 
 
 def test_a_force_without_a_value_drives_nothing():
-    driving, nothing = Driving(rig(), 300e3, 0.1), invalid(Reason.SINGULAR)
-    state = driving.begin()
-    force = acting(30e3, 0.0)._replace(x=nothing)
-    assert driving.step(state, force, 1.0 + 0j, np.array([1e4])) == state
+    tool = DrivenTool.start(monitored(rig(), 200.0))
+    for _ in range(20):
+        tool.take(replace(acting(30e3, 0.0), x=invalid(Reason.SINGULAR)), 1.0 + 0j, np.array([1e4]))
+    assert (tool.path, tool.drives) == (0.0, False)
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +241,7 @@ def machine():
 
 def block(core, left, signal, size, information=4.0):
     """A block that leaves `left` times its 15 samples as it is, and nothing with an error of `size` of one signal."""
-    many = Gatherer(core.model, core.tares).size
+    many = core.monitor.blocks.size
     linear, square = np.zeros(many), np.full(many, 1e-3)
     square[signal], linear[signal] = information, information * size
     numbers = (np.array([x]) for x in (max(left * 15.0, information * size**2), 100.0, 5.0, 15.0))
@@ -243,11 +250,10 @@ def block(core, left, signal, size, information=4.0):
 
 def evidence(core, blocks):
     """What these blocks say."""
-    voting = Voting(Gatherer(core.model, core.tares))
-    all_blocks = voting.begin()
+    votes, all_blocks = VoteConstants(core.monitor), no_blocks(core.monitor.blocks.size)
     for each in blocks:
-        all_blocks = voting.added(all_blocks, each)
-    return voting.result(all_blocks), voting.limits[Level.REJECTED]
+        all_blocks = all_blocks.followed_by(each, KEPT)
+    return votes.likeliest(all_blocks), votes.limits[Level.REJECTED]
 
 
 def test_several_seconds_must_agree_on_the_error_of_a_signal(machine):
@@ -262,14 +268,14 @@ def test_several_seconds_must_agree_on_the_error_of_a_signal(machine):
 def test_seconds_that_contradict_each_other_reject_nothing(machine):
     core, *_ = machine
     offset, _ = evidence(core, [block(core, 0.0, 1, size) for size in (4.0, -4.0, 8.0, -8.0, 12.0, 16.0)])
-    assert offset.evidence < Voting(Gatherer(core.model, core.tares)).limits[Level.DOUBTED]
+    assert offset.evidence < VoteConstants(core.monitor).limits[Level.DOUBTED]
 
 
 def test_torques_that_scatter_more_than_at_commissioning_say_less(machine):
     """Of two blocks the one whose best error leaves four times its variance has a quarter of the votes."""
     core, *_ = machine
     calm = block(core, 0.0, 1, 1.0, information=6.0)
-    rough = calm._replace(left=calm.left + 4.0 * calm.weight)
+    rough = replace(calm, left=calm.left + 4.0 * calm.weight)
     (one, _), (other, _) = evidence(core, [calm]), evidence(core, [rough])
     assert one.evidence == pytest.approx(4.0 * other.evidence)
     assert one.evidence > 0.0
@@ -281,8 +287,7 @@ OFF, SECONDS = 3.0, 10  # standard errors by which friction is off, or bar of a 
 def second(core, way, friction, error):
     """A second in which all cylinders move one `way`. The boom's friction is off by `friction` (standard errors of
     everyday changes), its pressure by `error` (bar): while it extends both change its torque alike."""
-    gatherer = Gatherer(core.model, core.tares)
-    many, frictions = gatherer.size, gatherer._frictions
+    many, frictions = core.monitor.blocks.size, core.monitor.blocks.frictions
     columns = np.full((15, frictions + many + 1), 1e-3)  # the other signals and frictions change nothing
     columns[:, 0], columns[:, frictions] = way, 1.0
     columns[:, -1] = way * friction + error
@@ -310,7 +315,7 @@ def test_cold_oil_is_one_friction_for_all_seconds(machine, ways, friction, error
     blocks = [second(core, ways[k % len(ways)], friction, error) for k in range(SECONDS)]
     offset, limit = evidence(core, blocks)
     assert (offset.evidence > limit, offset.confirmed) == (rejected, rejected)
-    anew = [each._replace(rows=NONE, masses=NONE, belief=NONE) for each in blocks]
+    anew = [replace(each, rows=NONE, masses=NONE, belief=NONE) for each in blocks]
     assert (evidence(core, anew)[0].evidence > limit) is (len(ways) == 1 or rejected)
 
 
@@ -332,14 +337,14 @@ def spoilt(machine):
 def test_work_in_order_is_never_doubted(machine):
     core, events, masses = machine
     state, estimates, _ = through(core, events)
-    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert state.monitor.suspicion == NOTHING_SUSPECTED
     assert not any(e.gross.reason is Reason.SENSORS_DISAGREE for e in estimates)
     assert state.estimate.booking.number == len(masses)
 
 
 def test_a_rejected_signal_leaves_neither_weight_nor_force_nor_bookings(spoilt):
     state, estimates, _ = spoilt
-    assert state.watch.suspicion.level is Level.REJECTED
+    assert state.monitor.suspicion.level is Level.REJECTED
     last = estimates[-1]
     for quantity in (last.gross, last.net, *last.force.quantities, *last.soil.quantities):
         assert quantity.status is Status.INVALID
@@ -350,34 +355,38 @@ def test_a_rejected_signal_leaves_neither_weight_nor_force_nor_bookings(spoilt):
 def test_the_boom_is_named(machine, spoilt):
     core, *_ = machine
     state, *_ = spoilt
-    names = {core.service.machine.signals[k].name for k in state.watch.suspicion.signals}
+    names = {core.service.machine.signals[k].name for k in state.monitor.suspicion.signals}
     assert "boom_head_pressure" in names
     assert names <= {"boom_head_pressure", "boom_rod_pressure"}
 
 
 def test_what_is_suspected_is_stored_with_the_state(spoilt):
     state, *_ = spoilt
-    assert unpacked(State, packed(state)).watch.suspicion == state.watch.suspicion
+    again = WeighingService.start(state.core)
+    again.restore(unpacked_state(again.types(), packed(state.snapshot())))
+    assert again.monitor.suspicion == state.monitor.suspicion
 
 
 def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_made(machine, monkeypatch):
     core, events, masses = machine
-    monkeypatch.setattr(Voting, "result", lambda *_: Offset(0, 5.0, 1.01 * UNSURE, True))
-    begun = core.begin()
-    some = begun.watch.offset._replace(evidence=1.01 * UNSURE, unsure=True)
-    state, estimates, _ = through(core, events, begun._replace(watch=begun.watch._replace(offset=some)))
+    some = ConstantOffset(0, 5.0, 1.01 * UNSURE, True)
+    monkeypatch.setattr(VoteConstants, "likeliest", lambda *_: some)
+    begun = WeighingService.start(core)
+    begun.monitor.detector(ConstantError).offset = some
+    state, estimates, _ = through(core, events, begun)
     for shown in ({e.gross.status for e in estimates}, {e.force.x.status for e in estimates}):
         assert shown == {Status.DEGRADED, Status.INVALID}
-    assert state.watch.suspicion == NOTHING_SUSPECTED
+    assert state.monitor.suspicion == NOTHING_SUSPECTED
     assert state.estimate.booking is None
-    assert state.weighing.books.missed.number == len(masses) - 1
+    assert state.bookings.missed.number == len(masses) - 1
 
 
 @pytest.mark.parametrize("number", range(6))
 def test_the_signals_that_may_be_off_are_named(machine, number):
     """The gatherer's signals: forces of the cylinders, then angles."""
     core, *_ = machine
-    limits = core.monitor._voting.limits
+    votes = VoteConstants(core.monitor)
+    limits = votes.limits
     names = [s.name for s in core.service.machine.signals]
     part = ("boom", "stick", "bucket")[number % 3]
     whose = [f"{part}_head_pressure", f"{part}_rod_pressure"] if number < 3 else [f"{part}_angle"]
@@ -385,64 +394,76 @@ def test_the_signals_that_may_be_off_are_named(machine, number):
         (Level.DOUBTED, limits[Level.DOUBTED] + 0.1),
         (Level.REJECTED, limits[Level.REJECTED] + 0.1),
     ):
-        doubt = core.monitor._off(Offset(number, 0.5, evidence))
+        doubt = votes.doubt(ConstantOffset(number, 0.5, evidence))
         assert doubt.level is level
         assert [names[k] for k in doubt.signals] == whose
         assert doubt.size == (0.5 * BAR if number < 3 else 0.5)
-    assert core.monitor._off(Offset(number, 0.5, limits[Level.DOUBTED])) == NOTHING_SUSPECTED
+    assert votes.doubt(ConstantOffset(number, 0.5, limits[Level.DOUBTED])) == NOTHING_SUSPECTED
 
 
 def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_doubted(machine):
     core, *_ = machine
-    monitor, some = core.monitor, Offset(0, 5.0, 1.01 * UNSURE, True)
-    watch = monitor.begin()._replace(offset=some)
-    assert monitor.interrupt(watch).unsure
-    assert not monitor.interrupt(watch, frozen=True).unsure
-    doubted = watch._replace(suspicion=NOTHING_SUSPECTED._replace(level=Level.DOUBTED))
-    assert monitor.interrupt(doubted, frozen=True).offset == some
+    some = ConstantOffset(0, 5.0, 1.01 * UNSURE, True)
+    for frozen, level, kept in (
+        (False, Level.FINE, True),
+        (True, Level.FINE, False),
+        (True, Level.DOUBTED, True),
+    ):
+        monitor = Monitor.start(core.monitor)
+        monitor.detector(ConstantError).offset = some
+        monitor.suspicion = SensorDoubt(level)
+        monitor.interrupt(frozen=frozen)
+        assert (monitor.detector(ConstantError).offset == some) is kept
+        assert monitor.unsure is kept
+
+
+def warm(core):
+    """A drift of which a return has shown that there is none."""
+    drift = DriftFilter.start(core.drift)
+    drift.covariance, drift.returned = np.zeros_like(drift.covariance), True
+    return drift
 
 
 def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_otherwise(machine):
     core, *_ = machine
-    watch, begun, drift = core.monitor.begin(), core.weigher.begin().lift, core.weigher._still
+    lift, drift = core.load.new_lift(), warm(core)
 
-    def seen(watch, kilograms, status=Status.OK, taken=200):
-        gross = Quantity(kilograms, 10.0, status, Reason.NONE)
-        empty, since = core.monitor._emptied(watch, gross, begun._replace(taken=taken), drift)
-        return watch._replace(empty=empty, wrong_since=since)
+    def seen(bucket, kilograms, status=Status.OK, taken=200):
+        after, lift.taken = EmptyBucket.start(core.monitor), taken
+        after.restore(bucket.snapshot())
+        sample = SimpleNamespace(gross=Quantity(kilograms, 10.0, status, Reason.NONE), lift=lift, drift=drift)
+        after.on_sample(SimpleNamespace(now=sample))
+        return after
 
-    watch = seen(watch, -29.0)
-    assert not watch.empty
-    first = seen(watch, -31.0)
-    assert not first.empty
-    assert not seen(first, -31.0, taken=220).empty  # it may end yet
-    assert not seen(seen(first, np.nan, Status.INVALID, 5), -31.0, taken=240).empty  # the lift ended: another one
-    assert not seen(first, -31.0, taken=20).empty
+    bucket = seen(EmptyBucket.start(core.monitor), -29.0)
+    assert not bucket.fault
+    first = seen(bucket, -31.0)
+    assert not first.fault
+    assert not seen(first, -31.0, taken=220).fault  # it may end yet
+    assert not seen(seen(first, np.nan, Status.INVALID, 5), -31.0, taken=240).fault  # the lift ended: another one
+    assert not seen(first, -31.0, taken=20).fault
     light = seen(first, -31.0, taken=240)
     for after in (light, seen(light, 500.0), seen(light, 0.0, Status.DEGRADED)):
-        doubt = core.monitor._suspicion(after)
-        assert (doubt.level, doubt.cause) == (Level.DOUBTED, SensorFault.LIGHT)
-        assert doubt.follows
-    assert core.monitor._suspicion(seen(light, -29.0)) == NOTHING_SUSPECTED
+        assert (after.doubt.level, after.doubt.cause) == (Level.DOUBTED, SensorFault.LIGHT)
+        assert after.doubt.follows
+    assert seen(light, -29.0).doubt == NOTHING_SUSPECTED
 
 
 def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machine):
     """Of 10 kg of standard error 8 by a drift that may be five times as large: 49 kg is below three, 150 kg is not."""
     core, *_ = machine
-    begun = core.weigher.begin().lift
-    size = len(core.model.parameters) + len(core.model.changing)
+    lift, size = core.load.new_lift(), len(core.model.parameters) + len(core.model.changing)
     gram = np.zeros((4, size))
     gram[0, -1] = 8.0
-    root, covariance = begun.root, np.diag([1.0, 0.0, 0.0, 0.0])
-    lift, drift = begun._replace(kept=kept(root, np.zeros(4), covariance, gram)), core.adapter.begin()
-    drift = drift._replace(covariance=np.diag([0.0] * (len(core.model.changing) - 1) + [1.0]))
+    lift.numbers = lift_numbers(lift.root, gram, (np.zeros(4), np.diag([1.0, 0.0, 0.0, 0.0])))
+    drift = DriftFilter.start(core.drift)
+    drift.covariance = np.diag([0.0] * (len(core.model.changing) - 1) + [1.0])
     for kilograms, returned, light in ((-49.0, False, False), (-150.0, False, True), (-49.0, True, True)):
-        drift = drift._replace(returned=returned)
-        gross, watch = Quantity(kilograms, 10.0, Status.OK, Reason.NONE), core.monitor.begin()
-        for taken in (200, 240):
-            empty, since = core.monitor._emptied(watch, gross, lift._replace(taken=taken), drift)
-            watch = watch._replace(empty=empty, wrong_since=since)
-        assert bool(watch.empty) is light
+        drift.returned = returned
+        gross, bucket = Quantity(kilograms, 10.0, Status.OK, Reason.NONE), EmptyBucket.start(core.monitor)
+        for lift.taken in (200, 240):
+            bucket.take(gross, lift, drift)
+        assert bool(bucket.fault) is light
 
 
 @pytest.mark.parametrize(
@@ -457,21 +478,20 @@ def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machi
 )
 def test_an_empty_bucket_has_no_moments_without_a_mass(machine, moments, error, returned, cause):
     core, *_ = machine
-    begun, size = core.weigher.begin().lift, len(core.model.parameters) + len(core.model.changing)
+    lift, size = core.load.new_lift(), len(core.model.parameters) + len(core.model.changing)
     gram = np.zeros((4, size))
     gram[2, -1] = 6.0 / error**2  # a drift of one standard error moves z by 6 kg m
     covariance = np.diag([4.0, error**2, error**2, 100.0])
-    lift = begun._replace(kept=kept(begun.root, np.array([*moments, 0.0]), covariance, gram))
-    drift = core.adapter.begin()
-    drift = drift._replace(covariance=np.diag([0.0] * (len(core.model.changing) - 1) + [1.0]), returned=returned)
-    gross, watch = Quantity(moments[0], 5.0, Status.OK, Reason.NONE), core.monitor.begin()
-    for taken in (200, 240):
-        empty, since = core.monitor._emptied(watch, gross, lift._replace(taken=taken), drift)
-        watch = watch._replace(empty=empty, wrong_since=since)
-        assert watch.unsure is (cause is SensorFault.MISPLACED)
-    assert watch.empty is cause
-    assert core.monitor._suspicion(watch).cause is cause
-    assert not core.monitor._suspicion(watch).follows or cause is SensorFault.NONE
+    lift.numbers = lift_numbers(lift.root, gram, (np.array([*moments, 0.0]), covariance))
+    drift = DriftFilter.start(core.drift)
+    drift.covariance = np.diag([0.0] * (len(core.model.changing) - 1) + [1.0])
+    drift.returned = returned
+    gross, bucket = Quantity(moments[0], 5.0, Status.OK, Reason.NONE), EmptyBucket.start(core.monitor)
+    for lift.taken in (200, 240):
+        bucket.on_sample(SimpleNamespace(now=SimpleNamespace(gross=gross, lift=lift, drift=drift)))
+        assert bucket.unsure is (cause is SensorFault.MISPLACED)
+    assert bucket.fault is bucket.doubt.cause is cause
+    assert not bucket.doubt.follows or cause is SensorFault.NONE
 
 
 @pytest.mark.parametrize(
@@ -486,36 +506,35 @@ def test_an_empty_bucket_has_no_moments_without_a_mass(machine, moments, error, 
     ],
 )
 def test_nothing_statistical_is_latched_that_is_not_confirmed_in_both_directions_of_motion(cause, confirmed, stays):
-    rejected = NOTHING_SUSPECTED._replace(level=Level.REJECTED, cause=cause, confirmed=confirmed)
+    rejected = SensorDoubt(Level.REJECTED, cause, confirmed=confirmed)
     assert rejected.latched is stays
-    assert not rejected._replace(level=Level.DOUBTED).latched
+    assert not replace(rejected, level=Level.DOUBTED).latched
 
 
 def test_the_tool_must_be_driven_in_both_directions_to_be_confirmed():
-    driving = Driving(rig(), 300e3, 0.1)
-    state = driving.begin()
+    tool = DrivenTool.start(monitored(rig(), 200.0))
     for _ in range(20):
-        state = driving.step(state, acting(30e3, 0.0), 0.5 + 0j, np.array([1e4]))
-    assert state.level is Level.REJECTED
-    assert not state.confirmed
+        tool.take(acting(30e3, 0.0), 0.5 + 0j, np.array([1e4]))
+    assert tool.level is Level.REJECTED
+    assert not tool.confirmed
     for _ in range(4):
-        assert not state.confirmed
-        state = driving.step(state, acting(-30e3, 0.0), -0.1 + 0j, np.array([1e4]))
+        assert not tool.confirmed
+        tool.take(acting(-30e3, 0.0), -0.1 + 0j, np.array([1e4]))
     for _ in range(30):
-        state = driving.step(state, acting(-30e3, 0.0), -0.1 + 0j, np.array([1e4]))
-    assert state.confirmed
+        tool.take(acting(-30e3, 0.0), -0.1 + 0j, np.array([1e4]))
+    assert tool.confirmed
 
 
 def test_exchanged_pressures_are_believed_again_when_seconds_in_the_air_are_explained(machine):
     """They push the tool in one direction of motion only: that nothing pushes in the other refutes nothing."""
     core, *_ = machine
-    pushed = core.monitor.begin()._replace(driven=core.monitor._driving.begin()._replace(path=0.6))
-    rejected = pushed._replace(suspicion=core.monitor._suspicion(pushed))
-    assert (rejected.suspicion.cause, rejected.suspicion.level) == (SensorFault.EXCHANGED, Level.REJECTED)
-    resists = rejected._replace(driven=core.monitor._driving.begin())
-    for seconds_in_air, level in ((0, Level.REJECTED), (VOTES - 1, Level.REJECTED), (VOTES, Level.FINE)):
-        assert core.monitor._suspicion(resists._replace(in_air=seconds_in_air)).level is level
-    assert core.monitor._suspicion(rejected._replace(in_air=VOTES)).level is Level.REJECTED
+    monitor = Monitor.start(core.monitor)
+    pushed = SensorDoubt(Level.REJECTED, SensorFault.EXCHANGED, (0, 1))
+    monitor.suspicion = monitor.combined((pushed,))
+    assert monitor.suspicion == pushed
+    for monitor.in_air, level in ((0, Level.REJECTED), (VOTES - 1, Level.REJECTED), (VOTES, Level.FINE)):
+        assert monitor.combined((NOTHING_SUSPECTED,)).level is level
+    assert monitor.combined((pushed,)).level is Level.REJECTED
 
 
 def test_the_faults_of_the_table_change_what_they_name(machine):

@@ -8,11 +8,11 @@ import pytest
 from cylforce.commissioning.identification import identify
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.replay import replay_through
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import load
 from reference_machine.machine import draw
 from reference_machine.shift import Job
-from studies._quick import states
+from studies._quick import served
 
 
 def test_the_quick_way_books_what_a_replay_books(tmp_path):
@@ -28,8 +28,8 @@ def test_the_quick_way_books_what_a_replay_books(tmp_path):
     names = [signal.name for signal in loaded.service.machine.signals]
     values = np.stack([recording.column(name) for name in names], axis=-1)
     quick = {}
-    for state in states(core, values):
-        booking = state.weighing.books.booking
+    for service in served(core, values):
+        booking = service.bookings.booking
         quick |= {} if booking is None else {booking.number: booking}
     assert [booking.number for booking in replayed] == [1, 2]
     for a, b, truth in zip(replayed, quick.values(), (0.65 * 900.0, 700.0), strict=True):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.model import Model
-from cylforce.service.state import Memory
-from cylforce.service.step import Core
+from cylforce.service.core import Core
+from cylforce.service.memory import Memory
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
 from cylforce.simulation.scenario import cycles, moves
@@ -47,10 +48,10 @@ def test_what_is_doubted_is_never_published_as_ok():
     events = played(LOADED, [moves(MACHINE, np.random.default_rng((OWN, 7)), 60.0)], seed=OWN)
     state, estimates, _ = through(Core(LOADED.service, tares(OTHER)), events)
     doubted = [e for e in estimates if e.force.magnitude.reason is Reason.NOT_THIS_MACHINE]
-    assert state.recognition.another
+    assert state.recognizer.another
     assert len(doubted) > 500
     for estimate in doubted:
-        quantities = (*estimate.load, estimate.gross, estimate.net, *estimate.force.quantities)
+        quantities = (*estimate.load.quantities, estimate.gross, estimate.net, *estimate.force.quantities)
         assert Status.OK not in {q.status for q in quantities}
     state, estimates, _ = through(Core(LOADED.service, tares(OWN)), events)
     assert not any(q.reason is Reason.NOT_THIS_MACHINE for e in estimates for q in (e.gross, e.force.magnitude))
@@ -60,7 +61,7 @@ def test_parameters_from_elsewhere_are_never_ok():
     """Not with their own machine either: nobody but an engineer knows which it is."""
     events = played(LOADED, cycles(MACHINE, np.random.default_rng((OWN, 8)), 2, swing=False), seed=OWN)
     core = Core(LOADED.service, tares(OWN))
-    state, estimates, _ = through(core, events, core.begin(Memory(unconfirmed=True)))
+    state, estimates, _ = through(core, events, WeighingService.start(core, Memory(unconfirmed=True)))
     values = [q for e in estimates for q in (e.gross, e.net, *e.force.quantities)]
     assert Status.OK not in {q.status for q in values}
     assert sum(q.reason is Reason.NOT_CONFIRMED for q in values) > len(values) // 3

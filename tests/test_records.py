@@ -5,6 +5,7 @@ import json
 import sqlite3
 import struct
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -24,15 +25,17 @@ from cylforce.records.ticket import ticket
 from cylforce.records.writing import BookedBucket, Change, Start
 from cylforce.service import commands
 from cylforce.service.booking import Weighed
+from cylforce.service.commands import Scale
+from cylforce.service.core import Core
 from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import Truck, judged, loaded, next_part, next_truck, of_product, refined
-from cylforce.service.state import Memory, Scale
-from cylforce.service.step import Core, step
+from cylforce.service.memory import Memory
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking
 from cylforce.signals.events import Frame
 from cylforce.signals.units import MASS_UNITS
-from scenarios import EXCAVATOR
+from scenarios import EXCAVATOR, fed
 from studies import kills
 
 START = Start(1_700_000_000_000_000, "0.1.0", "Excavator")
@@ -89,7 +92,7 @@ def test_cancelled_bookings_stay_and_do_not_count(path):
     kept = shift(path, 3)
     recorder = Recorder(path, START)
     truck = judged(kept.truck, 2, False).truck
-    recorder.put(Change(1, kept._replace(truck=truck), None, "cancelled 2"))
+    recorder.put(Change(1, replace(kept, truck=truck), None, "cancelled 2"))
     recorder.close()
     with closing(open_reading(path)) as found:
         assert [row["accepted"] for row in bookings(found)] == [1, 0, 1]
@@ -131,25 +134,24 @@ class Put:
 def test_a_booking_that_becomes_more_precise_is_handed_over_once():
     """It does so many times a second while the bucket returns; each would be a transaction on the disk."""
     loaded_file = load(EXCAVATOR)
-    state, put = Core(loaded_file.service, model_of(loaded_file).data_sheet).begin(), Put()
+    state, put = WeighingService.start(Core(loaded_file.service, model_of(loaded_file).data_sheet)), Put()
     ledger = Ledger(put, put, state.memory)
     for error in (3.0, 2.0, 1.0):
         made = Booking(1, 5, 900.0, error, 10.0, error, 890.0, error)
-        books = state.weighing.books._replace(booking=made, dumped=Weighed(900.0, 1.0, np.zeros(1), np.zeros(1), 100))
-        state = state._replace(weighing=state.weighing._replace(books=books))
+        state.bookings.booking = made
+        state.bookings.dumped = Weighed(900.0, 1.0, np.zeros(1), np.zeros(1), 100)
         ledger.look(state)
     assert [change.booked.booking.standard_error for change in put.changes] == [3.0]
 
 
 def test_when_the_bucket_has_returned_the_last_weight_is_handed_over():
     loaded_file = load(EXCAVATOR)
-    state, put = Core(loaded_file.service, model_of(loaded_file).data_sheet).begin(), Put()
+    state, put = WeighingService.start(Core(loaded_file.service, model_of(loaded_file).data_sheet)), Put()
     ledger, lifted = Ledger(put, put, state.memory), Weighed(900.0, 1.0, np.zeros(1), np.zeros(1), 100)
     for mass, dumped in ((890.0, lifted), (892.0, lifted), (893.0, lifted), (893.0, None), (893.0, None)):
         made = Booking(1, 5, 900.0, 3.0, 900.0 - mass, 1.0, mass, 2.0)
-        made = made if state.weighing.books.booking != made else state.weighing.books.booking
-        books = state.weighing.books._replace(booking=made, dumped=dumped)
-        state = state._replace(weighing=state.weighing._replace(books=books))
+        made = made if state.bookings.booking != made else state.bookings.booking
+        state.bookings.booking, state.bookings.dumped = made, dumped
         ledger.look(state)
     assert [change.final and change.final.dumped for change in put.changes] == [None, 893.0]
 
@@ -161,10 +163,10 @@ def test_the_final_weight_counts_in_totals_and_truck(path):
     for mass in (500.0, 600.0):
         kept = (change := booked(kept, mass)).kept
         recorder.put(change)
-        final = change.booked.booking._replace(carry_back=8.0, dumped=mass + 4.0, dumped_error=3.0)
-        kept = kept._replace(truck=refined(kept.truck, final.number, 4.0), booking=final)
+        final = replace(change.booked.booking, carry_back=8.0, dumped=mass + 4.0, dumped_error=3.0)
+        kept = replace(kept, truck=refined(kept.truck, final.number, 4.0), booking=final)
         if mass == 600.0:
-            kept = kept._replace(truck=judged(kept.truck, final.number, False).truck)
+            kept = replace(kept, truck=judged(kept.truck, final.number, False).truck)
         for _ in range(2):
             recorder.put(Change(2, kept, None, "", final))
     recorder.close()
@@ -239,7 +241,7 @@ def test_a_ticket_and_its_copy(path):
 def test_the_next_truck_is_closed_and_opened(path):
     kept = shift(path, 1)
     recorder = Recorder(path, START)
-    recorder.put(Change(77, kept._replace(truck=next_truck(kept.truck).truck), None, "truck 2 opened"))
+    recorder.put(Change(77, replace(kept, truck=next_truck(kept.truck).truck), None, "truck 2 opened"))
     recorder.close()
     with closing(open_reading(path)) as found:
         rows = found.execute("SELECT number, closed_us FROM trucks ORDER BY number").fetchall()
@@ -403,7 +405,7 @@ def test_a_split_truck_is_kept_and_its_ticket_has_each_part(path):
     kept = Memory(truck=Truck(1, 5000.0, 1, trailer=3000.0))
     recorder = Recorder(path, START)
     for k, change in enumerate((lambda t: t, lambda t: of_product(t, 2).truck, lambda t: next_part(t).truck)):
-        kept = kept._replace(truck=change(kept.truck))
+        kept = replace(kept, truck=change(kept.truck))
         made = booked(kept, 1000.0 + k, k)
         recorder.put(made)
         kept = made.kept
@@ -445,10 +447,10 @@ def test_a_bucket_by_hand_is_marked_in_the_records_and_on_the_ticket(path):
     """From the command to the ticket: the ledger hands it over as such, a restart does not forget it."""
     loaded_file = load(EXCAVATOR)
     core, recorder = Core(loaded_file.service, model_of(loaded_file).data_sheet), Recorder(path, START)
-    state = core.begin(recorder.kept)
+    state = WeighingService.start(core, recorder.kept)
     ledger = Ledger(Put(), recorder, state.memory)
     order = struct.pack("<BHBi", 0x23, commands.LOADING, commands.ADD, 8500)
-    state, _ = step(core, state, Frame(1, 0x600 + core.service.node_id, order))
+    fed(state, Frame(1, 0x600 + core.service.node_id, order))
     ledger.look(state)
     ledger.look(state)
     recorder.close()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cylforce.files.recording import open_recording
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
 from cylforce.service.samples import samples
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Frame, Tick
@@ -390,7 +390,7 @@ def test_files_are_the_projects_own(form, tmp_path):
     found = open_recording(path, loaded.service, loaded.columns)
     if form == "log":
         events = (event for event in found.events if isinstance(event, Frame | Tick))
-        rows = np.concatenate(list(samples(Assembler(loaded.service), events, 10_000)))
+        rows = np.concatenate(list(samples(assembler(loaded.service), events, 10_000)))
         assert rows[-1] == pytest.approx(run.values[-1], abs=1e-6)
     else:
         assert np.array_equal(found.values, run.values)

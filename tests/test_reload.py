@@ -27,8 +27,10 @@ from cylforce.programs.run import Daemon
 from cylforce.records.audit import entries
 from cylforce.records.schema import open_reading
 from cylforce.service.booking import Weighed
+from cylforce.service.commands import Scale
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.service.plausibility.suspicion import Level, SensorDoubt, SensorFault
-from cylforce.service.state import NOTHING_KEPT, Scale
+from cylforce.service.service import WeighingService
 from cylforce.settings.identified import identified_seal, write_identified
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR
@@ -195,29 +197,27 @@ def test_a_file_that_is_replaced_while_it_is_read_is_refused(tmp_path, monkeypat
 def test_what_other_parameters_do_not_change_stays(tmp_path):
     """Zero and tare, a rejected signal, and that a load hung: it was weighed with the old ones."""
     old, new = (make_core(MACHINE, write(tmp_path / f"{error}.toml", error)) for error in (OLD, NEW))
-    state = old.begin()
+    state = WeighingService.start(old)
     hung = Weighed(900.0, 4.0, np.zeros(len(old.tares.values)), np.zeros(state.drift.values.size), 200)
-    books = state.weighing.books._replace(candidate=hung)
     burst = SensorDoubt(Level.REJECTED, SensorFault.BURST, (0,))
-    doubted = state.watch._replace(suspicion=burst)
-    state = state._replace(
-        scale=Scale(5.0, 7.0), weighing=state.weighing._replace(books=books), watch=doubted, stopped=True
-    )
-    after = new.continued(state)
+    state.bookings.candidate, state.monitor.suspicion = hung, burst
+    state.scale, state.stopped = Scale(5.0, 7.0), True
+    after = state.with_core(new)
     assert after.scale == Scale(5.0, 7.0)
-    assert after.watch.suspicion == burst
+    assert after.monitor.suspicion == burst
     assert after.stopped
-    assert after.inputs is state.inputs
-    assert after.pipe is None
-    missed = after.weighing.books.missed
-    assert (after.weighing.books.candidate, missed.number, missed.mass) == (None, 1, 900.0)
-    light = state._replace(watch=state.watch._replace(suspicion=SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, (0,))))
-    assert new.continued(light).watch.suspicion.level is Level.FINE
+    assert after.inputs.state.tobytes() == state.inputs.state.tobytes()  # bytes, because NaN equals nothing
+    assert after.pipeline.state is None
+    missed = after.bookings.missed
+    assert (after.bookings.candidate, missed.number, missed.mass) == (None, 1, 900.0)
+    light = state.copied()
+    light.monitor.suspicion = SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, (0,))
+    assert light.with_core(new).monitor.suspicion.level is Level.FINE
     assert not after.memory.unconfirmed
-    doubted = new.continued(state, unconfirmed=True)
+    doubted = state.with_core(new, unconfirmed=True)
     assert doubted.memory.unconfirmed
-    assert new.continued(doubted).memory.unconfirmed  # the same, read again
-    assert not new.continued(doubted, unconfirmed=False).memory.unconfirmed
+    assert doubted.with_core(new).memory.unconfirmed  # the same, read again
+    assert not doubted.with_core(new, unconfirmed=False).memory.unconfirmed
 
 
 def test_the_unit_asks_for_it():

@@ -28,8 +28,8 @@ from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.replay import Totals, run_replay, stream_replay, write_estimates
 from cylforce.programs.run import Daemon
 from cylforce.programs.sim import run_sim
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.service.publication import published
-from cylforce.service.state import NOTHING_KEPT
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode

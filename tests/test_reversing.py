@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.model import Model, Tares
-from cylforce.service.adaptation import Adapter
-from cylforce.service.plausibility.reversing import CLEAR, Reversing, Turns
+from cylforce.service.adaptation import DriftConstants, DriftFilter
+from cylforce.service.core import Core
+from cylforce.service.plausibility.pressure_leap import PressureLeap
+from cylforce.service.plausibility.reversals import CLEAR, ReversalConstants, Reversals
 from cylforce.service.plausibility.suspicion import Level, SensorDoubt, SensorFault
-from cylforce.service.step import Core, step
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.kinds import Kind
 from faulting.edits import BAR, place
-from scenarios import EXCAVATOR, cycles, identified, seconds, with_value
+from scenarios import EXCAVATOR, cycles, fed, identified, seconds, with_value
 
 LOADED = load(EXCAVATOR)
 MACHINE = LOADED.service.machine
@@ -34,12 +36,8 @@ def friction(stribeck=0.0):
     values = np.array([known.get(name.removeprefix("stick."), 0.0) for name in names])
     spread = np.diag([ERROR**2 if name == "stick.coulomb" else 0.0 for name in names])
     tares = Tares(model.friction, names, values, spread, np.full(3, 20.0), True)
-    return Reversing(model, tares, AFTER), Adapter(model, tares).begin()
-
-
-def turned(way, at=100.0):
-    """The stick's cylinder turned round, the others never did."""
-    return Turns(array("d", [-inf, at, -inf]), array("d", [0.0, way, 0.0]))
+    constants = ReversalConstants(model, tares, AFTER)
+    return Reversals.start(constants), DriftFilter.start(DriftConstants(model, tares))
 
 
 def readings():
@@ -53,9 +51,10 @@ def asked(newtons, side=Kind.HEAD_PRESSURE, way=EXTENDS, steps=100 + AFTER, stri
     own = MACHINE.cylinders[cylinder]
     area = own.area_head if side is Kind.HEAD_PRESSURE else -own.area_rod
     doubt = SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (place(MACHINE, side, cylinder),), newtons / area)
-    reversing, drift = friction(stribeck)
+    reversals, drift = friction(stribeck)
+    reversals.at, reversals.way = array("d", [-inf, 100.0, -inf]), array("d", [0.0, way, 0.0])  # the stick's alone
     speeds = [0.1 if c != cylinder else speed for c in range(3)]
-    return reversing.explains(turned(way), steps, doubt, speeds, readings(), drift)
+    return reversals.explains(doubt, steps, speeds, readings(), drift)
 
 
 def most(stribeck=0.0):
@@ -110,12 +109,12 @@ def work():
     as the service sees it, a second or more after any other reversal of it."""
     core = Core(LOADED.service, identified(LOADED))
     events, _ = cycles(LOADED, count=1)
-    state, turns = core.begin(), []
+    state, turns = WeighingService.start(core), []
     for event in events:
-        state, _ = step(core, state, event)
-        at = state.watch.turned.at[STICK] if state.watch.turned.at else -inf
-        if state.pipe is not None and at == state.pipe.steps:
-            turns.append((seconds(event), state.watch.turned.way[STICK]))
+        fed(state, event)
+        reversals = state.monitor.detector(PressureLeap).reversals
+        if state.pipeline.state is not None and reversals.at[STICK] == state.pipeline.steps:
+            turns.append((seconds(event), reversals.way[STICK]))
     alone = [b for a, b in pairwise(turns) if b[0] - a[0] > 1.0]
     return core, events, alone[0]
 
@@ -125,12 +124,12 @@ def doubted(core, events, begin, newtons):
     area = MACHINE.cylinders[STICK].area_head
     signal = MACHINE.signals[place(MACHINE, Kind.HEAD_PRESSURE, STICK)].name
     spoilt = with_value(events, core.service, signal, lambda _, v: v + newtons / area, begin)
-    state, found = core.begin(), SensorFault.NONE
+    state, found = WeighingService.start(core), SensorFault.NONE
     for event in spoilt:
         if seconds(event) > begin + 0.15:
             break
-        state, _ = step(core, state, event)
-        found = max(found, state.watch.suspicion.cause)
+        fed(state, event)
+        found = max(found, state.monitor.suspicion.cause)
     return found
 
 

@@ -6,8 +6,8 @@ from math import hypot, radians
 import numpy as np
 import pytest
 
+from cylforce.service.core import Core
 from cylforce.service.publication import published
-from cylforce.service.step import Core
 from cylforce.signals.contact import KEPT, EventKind
 from cylforce.signals.estimate import Reason, Status
 from statics import G

@@ -15,11 +15,14 @@ import pytest
 from cylforce.estimation.residual import Residual
 from cylforce.estimation.segments import gapless
 from cylforce.programs.common.readings import model_of
+from cylforce.service.assembler import assembler
+from cylforce.service.commands import Scale
+from cylforce.service.core import Core
 from cylforce.service.plausibility.suspicion import SensorFault
 from cylforce.service.publication import published
 from cylforce.service.samples import samples
-from cylforce.service.state import Scale
-from cylforce.service.step import Core, judged, step
+from cylforce.service.service import WeighingService
+from cylforce.service.weighing import LoadEstimator
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Reason, Status
@@ -31,6 +34,7 @@ from instants import rows_of
 from scenarios import (
     EXCAVATOR,
     cycles,
+    fed,
     identified,
     pdo_of,
     played,
@@ -115,8 +119,15 @@ def spoiled(bench, run, events, until=np.inf):
     return state, estimates, verdicts
 
 
+def judged(service):
+    """A copy of a service that has judged the frames received so far."""
+    other = service.copied()
+    other.receive()
+    return other
+
+
 def quantities(estimate):
-    return (estimate.gross, estimate.net, *estimate.force.quantities, *estimate.load)
+    return (estimate.gross, estimate.net, *estimate.force.quantities, *estimate.load.quantities)
 
 
 def honest(bench, estimate):
@@ -260,7 +271,7 @@ def test_strangers_are_counted_and_change_nothing(bench):
     state, estimates, verdicts = spoiled(bench, run, mixed)
     same(estimates, run.good)
     assert verdicts == []
-    counted = [judged(bench.core, each).inputs.counters.unknown for each in (run.end, state)]
+    counted = [judged(each).inputs.counters.unknown for each in (run.end, state)]
     assert counted[1] - counted[0] == len(run.events)
 
 
@@ -376,7 +387,7 @@ def test_real32_values_that_are_none(bench, bad):
 
     events = with_pdo(events, pdo, spoil, FAULT + 0.5, FAULT + 0.51)
     events = with_pdo(events, pdo, spoil, FAULT + 1.0, FAULT + 1.5)
-    begun = judged(bench.core, run.state)
+    begun = judged(run.state)
     _, estimates, _ = through(core, [e for e in events if seconds(e) < FAULT + 4.0], begun)
     reason = "OUT_OF_RANGE" if abs(bad) == 3.4e38 else "NOT_A_NUMBER"
     assert states(estimates)[:5] == [
@@ -427,7 +438,7 @@ def test_an_angle_that_leaps_is_not_believed_until_it_leaps_back(bench, back):
     assert shown
     for estimate in shown:
         assert (estimate.force.magnitude.status is Status.INVALID) is not back
-    assert (state.watch.suspicion.cause is SensorFault.LEAPT) is not back
+    assert (state.monitor.suspicion.cause is SensorFault.LEAPT) is not back
 
 
 @pytest.mark.parametrize("signal", PRESSURES + ANGLES + OTHERS)
@@ -512,7 +523,7 @@ def test_an_end_stop(bench):
     events = played(bench.loaded, [scene(begin, strokes, 12.0, LOAD)])
     pressed = with_value(events, bench.service, "stick_head_pressure", lambda t, v: v + 60e5, 4.2, 5.8)
     run = bench.prepared(pressed, 3.0)
-    waiting = through(bench.core, [e for e in pressed if seconds(e) < 5.0])[0].pipe.waiting
+    waiting = through(bench.core, [e for e in pressed if seconds(e) < 5.0])[0].pipeline.waiting
     assert waiting.tolist() == [0, bench.core.model.settle_steps, 0]
     for e in run.before + run.good:
         honest(bench, e)
@@ -537,13 +548,13 @@ def test_a_dead_point(bench):
     sine = other.geometry(np.stack([np.full(200, a) for a in begin[:2]] + [theta], axis=-1)).transmission[:, 2]
     assert np.isnan(sine).any()
     assert np.nanmin(sine) < 0.15
-    state, waiting = core.begin(), []
+    state, waiting = WeighingService.start(core), []
     for event in events:
-        state, out = step(core, state, event)
+        out = fed(state, event)
         if out.estimate is not None:
             honest(bench, out.estimate)
-            if state.pipe is not None and state.pipe.steps > 60:
-                waiting.append((state.pipe.waiting > 0).tolist())
+            if state.pipeline.state is not None and state.pipeline.steps > 60:
+                waiting.append((state.pipeline.waiting > 0).tolist())
     assert waiting.count([False, False, True]) > 100
     assert waiting.count([False, False, False]) > 100
     assert len(waiting) == waiting.count([False, False, True]) + waiting.count([False, False, False])
@@ -732,33 +743,37 @@ def test_which_requests_are_commands(bench, request_, verdict):
     """Only an expedited download of four bytes to 6125h:1 or 6139h:1 is a command, and only the right signature is
     obeyed; abort code 0609 0030h for a wrong one; nothing else changes anything."""
     run = bench.carry
-    state, out = step(bench.core, run.state, Frame(run.events[0].t_us, SDO, request_))
+    state = run.state.copied()
+    out = fed(state, Frame(run.events[0].t_us, SDO, request_))
     assert out.verdict == verdict
     assert (state.scale == run.state.scale) == (verdict != 0)
-    state, out = step(bench.core, run.state, Frame(run.events[0].t_us, SDO + 1, request_))
+    state = run.state.copied()
+    out = fed(state, Frame(run.events[0].t_us, SDO + 1, request_))
     assert (out.verdict, state.scale) == (None, run.state.scale)
 
 
 def test_no_zero_or_tare_while_the_weight_cannot_be_trusted(bench):
     """Before the start, while a signal is held or lost: 0800 0022h, nothing is changed."""
     tare = Frame(0, SDO, sdo(0x23, 0x6139, 1, b"tare"))
-    _, out = step(bench.core, bench.core.begin(), tare)
+    out = fed(WeighingService.start(bench.core), tare)
     assert out.verdict == NOT_NOW
     run, pdo = bench.carry, pdo_of(bench.service, "roll")
     silent = with_pdo(run.events, pdo, lambda f: None)
     for wait in (0.1, 0.5):
         state = through(bench.core, [e for e in silent if seconds(e) < FAULT + wait], run.state)[0]
-        after, out = step(bench.core, state, tare._replace(t_us=silent[0].t_us))
-        assert (out.verdict, after.scale) == (NOT_NOW, state.scale)
+        before = state.scale
+        out = fed(state, tare._replace(t_us=silent[0].t_us))
+        assert (out.verdict, state.scale) == (NOT_NOW, before)
 
 
 def test_a_scale_of_old_that_cannot_be(bench):
     """A zero or tare that takes the weight out of its declared range: INVALID, OUT_OF_DECLARED_RANGE, not the force."""
     run = bench.carry
-    state = run.state._replace(scale=Scale(-5000.0, 0.0))
+    state = run.state.copied()
+    state.scale = Scale(-5000.0, 0.0)
     _, estimates, _ = through(bench.core, run.events[:500], state)
     assert {(e.gross.status, e.gross.reason) for e in estimates} == {(Status.INVALID, Reason.OUT_OF_DECLARED_RANGE)}
-    state = run.state._replace(scale=Scale(0.0, 5000.0))
+    state.scale = Scale(0.0, 5000.0)
     _, estimates, _ = through(bench.core, run.events[:500], state)
     assert {e.gross.status for e in estimates} == {Status.OK}
     assert {(e.net.status, e.net.reason) for e in estimates} == {(Status.INVALID, Reason.OUT_OF_DECLARED_RANGE)}
@@ -867,15 +882,15 @@ def test_a_slew_encoder_passes_its_end(bench):
 def test_a_machine_parked_at_an_end_stop(bench):
     """A row that cannot be used fades nothing: what is known in its direction stays, so that no information runs out,
     whose inverse would overflow in the end. (200 s of it here, when old samples fade from the first on.)"""
-    weigher, model = bench.core.weigher, bench.core.model
+    constants, model = bench.core.load, bench.core.model
     columns = np.random.default_rng(1).normal(size=(3, len(model.parameters)))
-    left = weigher.of_arrays(Residual(np.zeros(3), np.full(3, 1e6), np.zeros(3), columns))
-    usable, state = rows_of([True, True, False]), weigher.begin()
-    state = state._replace(lift=state.lift._replace(taken=10**9))
+    residual = constants.residual_of_arrays(Residual(np.zeros(3), np.full(3, 1e6), np.zeros(3), columns))
+    usable, load = rows_of([True, True, False]), LoadEstimator.start(constants)
+    load.lift.taken = 10**9
     errors = []
     for _ in range(20_000):
-        state, _ = weigher.step(state, left, usable, 0)
-        errors.append(float(np.sqrt(np.diag(state.lift.covariance)).max()))
+        load.update(residual, usable)
+        errors.append(float(np.sqrt(np.diag(load.lift.covariance)).max()))
     assert np.all(np.isfinite(errors))
     assert max(errors) <= errors[0] * 1.001
 
@@ -885,5 +900,5 @@ def test_a_clock_set_back_parts_a_recording(bench):
     events = bench.carry.events
     moved = [e._replace(t_us=e.t_us - 3_000_000) if seconds(e) >= FAULT + 4.0 else e for e in events]
     for these, parts in ((events, 1), (moved, 2)):
-        rows = np.concatenate(list(samples(bench.core.assembler, these, 10_000)))
+        rows = np.concatenate(list(samples(assembler(bench.service), these, 10_000)))
         assert len(gapless(rows, 20)) == parts

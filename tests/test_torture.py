@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cylforce.files.tables import Table
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import load
 from faulting.order import EVERY_S, in_order
 from faulting.runs import followed, wrong

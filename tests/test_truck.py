@@ -2,6 +2,7 @@
 
 import math
 import struct
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import given
@@ -10,16 +11,18 @@ from hypothesis import strategies as st
 from cylforce.estimation.recursive import known
 from cylforce.estimation.residual import Residual
 from cylforce.service import commands
-from cylforce.service.loading.cycle import NO_CYCLE, advanced, ended
-from cylforce.service.loading.lift import kept
+from cylforce.service.commands import Scale
+from cylforce.service.core import Core
+from cylforce.service.loading.cycle import Cycle, LastBucket
+from cylforce.service.loading.lift import lift_numbers
 from cylforce.service.loading.truck import KEPT, NO_TRUCK, Truck, judged, loaded
-from cylforce.service.state import Memory, Scale
-from cylforce.service.step import Core, step
+from cylforce.service.memory import Memory
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking, Quantity, Reason, Status, invalid_force, no_estimate
 from cylforce.signals.events import Frame
 from instants import rows_of
-from scenarios import EXCAVATOR, identified
+from scenarios import EXCAVATOR, fed, identified
 
 MACHINE = load(EXCAVATOR)
 CORE = Core(MACHINE.service, identified(MACHINE))
@@ -28,9 +31,9 @@ NODE = MACHINE.service.node_id
 
 def written(sub, data, state=None):
     """State and output after an SDO download of four bytes to 2190h:`sub`."""
-    state = CORE.begin() if state is None else state
+    state = WeighingService.start(CORE) if state is None else state
     frame = Frame(1, 0x600 + NODE, struct.pack("<BHB", 0x23, commands.LOADING, sub) + data)
-    return step(CORE, state, frame)
+    return state, fed(state, frame)
 
 
 def test_a_bucket_counts_what_left_it_less_the_tare():
@@ -66,13 +69,15 @@ def test_truck_and_trailer_have_a_target_and_a_sum_each():
     state, _ = written(commands.TRAILER, struct.pack("<i", 80_000), state)
     for number in (1, 2):
         truck = loaded(state.truck, Booking(number, 0, 900.0, 5.0, 0.0, 0.0, 900.0, 5.0), 0.0)
-        state, out = written(commands.PART, b"next", state._replace(truck=truck))
+        state.truck = truck
+        state, out = written(commands.PART, b"next", state)
     assert out.words == "truck 1, part 2 with 900.0 kg, part 3 begun"
     truck = loaded(state.truck, Booking(3, 0, 700.0, 5.0, 0.0, 0.0, 700.0, 5.0), 0.0)
     assert (truck.part, truck.target, truck.in_part, truck.total) == (3, 8000.0, 700.0, 2500.0)
     truck = judged(truck, 1, False).truck
     assert (truck.in_part, truck.total) == (700.0, 1600.0)
-    state, _ = written(commands.NEXT, b"next", state._replace(truck=truck))
+    state.truck = truck
+    state, _ = written(commands.NEXT, b"next", state)
     assert state.truck == Truck(2, 12_000.0, trailer=8000.0)
     state, out = written(commands.PART, b"then", state)
     assert out.words.startswith("next part refused: the four bytes written must be the word next")
@@ -104,25 +109,25 @@ def test_refusals_say_why():
 
 def test_what_was_kept_is_there_after_a_restart():
     kept = Memory(Scale(3.0, 50.0), Truck(4, 9000.0, 1), Booking(17, 5, 900.0, 4.0, 0.0, 0.0, 900.0, 4.0))
-    state = CORE.begin(kept)
+    state = WeighingService.start(CORE, kept)
     assert state.memory == kept
     assert state.estimate.booking.number == 17
 
 
 def test_a_cycle_counts_contact_and_keeps_the_largest_force():
-    cycle = NO_CYCLE
+    cycle = Cycle()
     for k in range(1, 5):
         air = no_estimate(k * 1_000_000, Reason.STARTING, None)
         force = Quantity(1000.0 * k, 10.0, Status.OK, Reason.NONE)
-        soil = invalid_force(Reason.STARTING)._replace(magnitude=force)
-        cycle = advanced(cycle, air._replace(soil=soil) if k in (2, 3) else air)
-    assert ended(cycle) == (3.0, 2.0, 3000.0)
+        soil = replace(invalid_force(Reason.STARTING), magnitude=force)
+        cycle.update(replace(air, soil=soil) if k in (2, 3) else air)
+    assert cycle.figures == LastBucket(3.0, 2.0, 3000.0)
 
 
 class TestByHand:
     def test_a_bucket_that_was_not_weighed_counts_and_is_marked(self):
         state, out = written(commands.ADD, struct.pack("<i", 8500))
-        booking = state.weighing.books.booking
+        booking = state.bookings.booking
         assert (out.verdict, out.words) == (0, "booking 1 by hand: 850.0 kg")
         assert (booking.number, booking.dumped, booking.by_hand) == (1, 850.0, True)
         assert (state.truck.total, state.truck.filled) == (850.0, 1)
@@ -130,9 +135,10 @@ class TestByHand:
         assert (out.verdict, state.truck.total, state.truck.filled) == (0, 0.0, 0)
 
     def test_it_has_the_next_number_and_the_tare_does_not_count(self):
-        begun = CORE.begin(Memory(Scale(3.0, 50.0), Truck(), Booking(17, 5, 900.0, 4.0, 0.0, 0.0, 900.0, 4.0)))
+        booking = Booking(17, 5, 900.0, 4.0, 0.0, 0.0, 900.0, 4.0)
+        begun = WeighingService.start(CORE, Memory(Scale(3.0, 50.0), Truck(), booking))
         state, _ = written(commands.ADD, struct.pack("<i", 8500), begun)
-        assert (state.weighing.books.booking.number, state.truck.total) == (18, 850.0)
+        assert (state.bookings.booking.number, state.truck.total) == (18, 850.0)
 
     def test_what_is_no_mass_is_refused_in_words(self):
         for mass in (0, -5, 2_000_000_000):
@@ -143,18 +149,19 @@ class TestByHand:
 
 def test_a_bucket_that_is_not_curled_is_not_noted_for_booking():
     """It says so while the load hangs; the same load curled is noted."""
-    weigher = CORE.weigher
-    begun, values = weigher.begin().lift, np.array([900.0, 500.0, 100.0, 300.0])
-    numbers = kept(known(values, np.ones(4)), values, np.eye(4), begun.gram)
-    heavy = begun._replace(kept=numbers, taken=299, moving=250)
-    rows = len(CORE.service.machine.rows)
+    values, rows = np.array([900.0, 500.0, 100.0, 300.0]), len(CORE.service.machine.rows)
     columns = np.zeros((rows, len(CORE.model.parameters)))
-    left = weigher.of_arrays(Residual(np.zeros(rows), np.ones(rows), np.zeros(rows), columns))
+    residual = CORE.load.residual_of_arrays(Residual(np.zeros(rows), np.ones(rows), np.zeros(rows), columns))
     noted = {}
     for curled in (True, False):
-        state = weigher.begin()._replace(lift=heavy)
-        after, load = weigher.step(state, left, rows_of([1] * rows), 1, curled=curled)
-        noted[curled] = (after.books.newest is not None, load.mass.reason)
+        service = WeighingService.start(CORE)
+        lift = service.load.lift
+        lift.numbers = lift_numbers(known(values, np.ones(4)), lift.gram, (values, np.eye(4)))
+        lift.taken, lift.moving = 299, 250
+        weight = service.load.update(residual, rows_of([1] * rows))
+        service.note_weight(weight, 1, None, curled=curled)
+        reason = service.load.load(weight, curled=curled).mass.reason
+        noted[curled] = (service.bookings.newest is not None, reason)
     assert noted[True][0]
     assert noted[False] == (False, Reason.NOT_CURLED)
 

@@ -9,12 +9,13 @@ import pytest
 from cylforce.estimation.model import BetweenStrokes, Model, Tares
 from cylforce.estimation.residual import RELATIVE
 from cylforce.service.contact.noise import PRIOR
-from cylforce.service.step import Core, step
+from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Status
 from cylforce.signals.events import Frame, Tick
-from scenarios import EXCAVATOR
+from scenarios import EXCAVATOR, fed
 from statics import LINKS, TOOL, G, moments, place, pressures, torques
 
 SERVICE = load(EXCAVATOR).service._replace(adapt=False)
@@ -44,12 +45,12 @@ def readings(force=(0.0, 0.0), held=(0.0, 0.0, 0.0), theta=THETA, pitch=PITCH):
 
 def estimates(core, course, seconds):
     """What the service says every 10 ms, `course(t)` being what the sensors say then."""
-    state, found = core.begin(), []
+    state, found = WeighingService.start(core), []
     for t_us in range(1_000_000, 1_000_000 + round(1e6 * seconds), PERIOD_US):
         said = course((t_us - 1_000_000) * 1e-6)
         for pdo in (pdo for node in SERVICE.nodes for pdo in node.pdos):
-            state, _ = step(core, state, Frame(t_us, pdo.can_id, encode(pdo, said)))
-        state, out = step(core, state, Tick(t_us + 1000))
+            fed(state, Frame(t_us, pdo.can_id, encode(pdo, said)))
+        out = fed(state, Tick(t_us + 1000))
         found.append(out.estimate)
     return found
 
@@ -169,7 +170,7 @@ def test_the_weight_is_as_uncertain_as_the_tares(core, monkeypatch):
     """100 kg m more at the boom alone: what a least-squares fit of a mass at the bucket's pin and of a moment on the
     bucket to three torques makes of it, every row weighted by its own error. What unnoticed errors of the signals
     add is left out; `test_unnoticed.py` has it."""
-    monkeypatch.setattr("cylforce.service.step._with_unnoticed", lambda mass, *_: mass)
+    monkeypatch.setattr("cylforce.service.service.hypot", lambda error, _: error)
     wide = Core(SERVICE, tares({"boom.X": 100.0**2}))
     held = (1000.0, 0.7, 0.1)
     alone, both = (said(c, held=held, seconds=3.0).load.mass for c in (core, wide))

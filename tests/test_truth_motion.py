@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.model import Model, Tares
-from cylforce.service.step import Core, step
+from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Status
@@ -13,6 +14,7 @@ from cylforce.signals.events import Frame, Tick
 from reference_machine import draw
 from reference_machine.machinefile import machine_file
 from reference_machine.truth import links_parameters
+from scenarios import fed
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +38,12 @@ def core(machine, tmp_path_factory):
 
 def estimates(core, recording):
     """What the service says of a recording, sample by sample."""
-    state, found = core.begin(), []
+    state, found = WeighingService.start(core), []
     for t, values in zip(recording.t_s, recording.values, strict=True):
         said, t_us = dict(zip(recording.signals, values.tolist(), strict=True)), 1_000_000 + round(1e6 * t)
         for pdo in (pdo for node in core.service.nodes for pdo in node.pdos):
-            state, _ = step(core, state, Frame(t_us, pdo.can_id, encode(pdo, said)))
-        state, out = step(core, state, Tick(t_us + 1000))
+            fed(state, Frame(t_us, pdo.can_id, encode(pdo, said)))
+        out = fed(state, Tick(t_us + 1000))
         found.append(out.estimate)
     return found
 

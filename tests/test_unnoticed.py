@@ -1,21 +1,26 @@
 """Errors of signals that nobody notices: how large they probably are, and what they add to a standard error. The truth
 is drawn, not estimated."""
 
+from dataclasses import astuple
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cylforce.estimation.drift import drift_spread
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.model import EXPECTED, Tares
 from cylforce.estimation.residual import GOOD_ENOUGH
-from cylforce.service.booking import Books, Probable, Weighed, difference_error, error, noted, variances
-from cylforce.service.plausibility.blocks import LOAD, Gatherer
-from cylforce.service.plausibility.unnoticed import CLASS, MEMORY, Noticing, off
-from cylforce.service.step import Core, step
+from cylforce.service.adaptation import DriftFilter
+from cylforce.service.booking import BookingConstants, Bookings, ProbableErrors, Weighed, difference
+from cylforce.service.core import Core
+from cylforce.service.plausibility.blocks import LOAD, BlockGatherer
+from cylforce.service.plausibility.undetected import CLASS, MEMORY, UndetectedErrors, off_probability
 from cylforce.settings.machine_file import load
+from cylforce.signals.estimate import Reason, invalid_force
 from cylforce.signals.events import Tick
-from scenarios import EXCAVATOR, cycles, identified, through, with_value
+from scenarios import EXCAVATOR, cycles, fed, identified, through, with_value
 from weighing.parts import Parts
 
 LIFT = 200  # samples of a lift, more than those of a second
@@ -25,22 +30,41 @@ TARES = Tares((), ("a",), np.zeros(1), np.zeros((1, 1)), np.zeros(0), True)
 STILL = SimpleNamespace(values=np.zeros(1), covariance=np.zeros((1, 1)))
 
 
-class Rows:
-    """A gatherer of two signals, and seconds of motion: load, one everyday change, two errors, torque."""
+def bookings(given, **state):
+    """The booking of a machine with these tares, in a state."""
+    found = Bookings.start(BookingConstants(given, RATED, 100.0))
+    for name, value in state.items():
+        setattr(found, name, value)
+    return found
 
-    size, memory, prior, pressed = 2, 1.0, PRIOR, ()
+
+def changed(before, change):
+    """A copy that `change` has changed."""
+    found = Bookings.start(before.constants)
+    found.restore(before.snapshot())
+    change(found)
+    return found
+
+
+def noted(books, weight, t, drift=STILL):
+    return changed(books, lambda found: found.update(weight, t, drift))
+
+
+class Rows:
+    """The constants of blocks of two signals, and seconds of motion: load, one everyday change, two errors, torque."""
+
+    size, memory, prior, pressed, rows = 2, 1.0, PRIOR, (), 3
 
     def __init__(self, seed=3):
-        self.rng = np.random.default_rng(seed)
-
-    def begin(self):
-        size = LOAD + 1 + self.size + 1
-        nothing = np.zeros((size, size))
-        return SimpleNamespace(gram=nothing, last=nothing, errors=np.zeros((3, self.size)))
+        self.rng, self.kernel = np.random.default_rng(seed), choice.chosen()
 
     @staticmethod
-    def less(rows, drift):
+    def without_zeros(rows, drift):
         return rows
+
+    @staticmethod
+    def turned_force(channels, force):
+        return np.zeros((3, 2))
 
     def second(self, hung, off, many=200):
         """Rows (many, K) of a load (4,) and errors `off` (2,), without noise."""
@@ -51,14 +75,13 @@ class Rows:
 
 def after(rows, seconds, taken=LIFT):
     """What is known after seconds of rows; those of one list are one lift."""
-    noticing = Noticing(rows)
-    state = noticing.begin()
+    errors = UndetectedErrors.start(rows)
+    nothing = np.zeros_like(errors.lift)
     for lift in seconds:
         for k, each in enumerate(lift):
-            gathering = rows.begin()
-            gathering.last = each.T @ each
-            state = noticing.step(state, gathering, np.zeros((3, 2)), (k + 1) * taken, STILL, hangs=True)
-    return state
+            blocks = SimpleNamespace(last=each.T @ each, products=nothing, errors=np.zeros((3, 2)), explained=True)
+            errors.update(blocks, None, invalid_force(Reason.STARTING), (k + 1) * taken, STILL)
+    return errors
 
 
 def test_the_size_of_an_error_is_found_beside_loads_of_each_lift():
@@ -73,7 +96,7 @@ def test_a_pressure_of_which_the_torques_hardly_tell_is_off_by_no_more_than_its_
     rows = Rows()
     rows.pressed = (0,)
     for square, expected in ((CLASS**-2.0, 1.5), (1e6, 3.0)):
-        found = Noticing(rows)._plausible(np.array([3.0, 0.5]), np.array([square, 1e-6]))
+        found = UndetectedErrors.start(rows).within_class(np.array([3.0, 0.5]), np.array([square, 1e-6]))
         assert found == pytest.approx([expected, 0.5], rel=1e-3)
     second = rows.second(np.array([900.0, 1, 2, 3]), np.array([0.7, 0.0]))
     well, hardly = (after(rows, [[scale * second]]).probable.sizes[0] for scale in (1.0, 1e-4))
@@ -107,17 +130,20 @@ def test_a_second_that_began_before_the_lift_does_not_count():
 def test_an_error_counts_as_far_as_there_is_evidence_for_one():
     """By hand: of two signals one is off by four standard errors, in 99 samples: (exp(8) + 1) / sqrt(100)."""
     odds = (np.exp(8.0) + 1.0) / 10.0
-    assert off(np.array([16.0, 0.0]), 99.0, 99.0) == pytest.approx(odds / (1.0 + odds))
-    assert off(np.zeros(2), 99.0, 99.0) == pytest.approx(1.0 / 6.0)
-    assert off(np.array([1e6, 0.0]), 1e6, 99.0) == pytest.approx(1.0)
+    assert off_probability(np.array([16.0, 0.0]), 99.0, 99.0) == pytest.approx(odds / (1.0 + odds))
+    assert off_probability(np.zeros(2), 99.0, 99.0) == pytest.approx(1.0 / 6.0)
+    assert off_probability(np.array([1e6, 0.0]), 1e6, 99.0) == pytest.approx(1.0)
 
 
 def test_evidence_counts_by_how_much_the_torques_scatter():
     """Squares four times as large as at commissioning make the same error half as many standard errors large; smaller
     ones change nothing."""
-    as_before, more = off(np.array([4.0, 0.0]), 103.0, 99.0), off(np.array([16.0, 0.0]), 4 * 99.0 + 16.0, 99.0)
+    as_before, more = (
+        off_probability(np.array([4.0, 0.0]), 103.0, 99.0),
+        off_probability(np.array([16.0, 0.0]), 4 * 99.0 + 16.0, 99.0),
+    )
     assert more == pytest.approx(as_before)
-    assert off(np.array([4.0, 0.0]), 30.0, 99.0) == pytest.approx(as_before)
+    assert off_probability(np.array([4.0, 0.0]), 30.0, 99.0) == pytest.approx(as_before)
 
 
 def test_where_nothing_seems_off_little_of_it_is_told():
@@ -141,14 +167,15 @@ def test_what_the_weight_is_corrected_for_is_no_error_of_a_signal():
     machine without it."""
     loaded = load(EXCAVATOR)
     core = Core(loaded.service, identified(loaded))
-    gatherer, drift, rng = Gatherer(core.model, core.tares), core.adapter.begin(), np.random.default_rng(4)
+    blocks, drift, rng = core.monitor.blocks, DriftFilter.start(core.drift), np.random.default_rng(4)
     values = rng.normal(size=drift.values.size) * np.r_[np.zeros(6), np.full(3, 300.0)]
-    size = len(gatherer.begin().gram)
+    size = len(BlockGatherer.start(blocks).last)
     rows = rng.normal(size=(15, size))
     spread = drift_spread(core.model, core.tares.values, EXPECTED)
     drifted = rows.copy()
     drifted[:, -1] += core.tares.scale * rows[:, LOAD : LOAD + 9] @ (values / spread)
-    found = gatherer.less(drifted.T @ drifted, drift._replace(values=values))
+    drift.values = values
+    found = blocks.without_zeros(drifted.T @ drifted, drift)
     assert found == pytest.approx(rows.T @ rows, rel=1e-9, abs=1e-9)
 
 
@@ -156,15 +183,15 @@ def test_zeros_that_spread_as_the_returns_tell_are_no_evidence():
     """Torque of a zero that is off by four times what it is every day: unless the returns tell of ten times as much."""
     loaded = load(EXCAVATOR)
     core = Core(loaded.service, identified(loaded))
-    gatherer, drift, rng = Gatherer(core.model, core.tares), core.adapter.begin(), np.random.default_rng(5)
-    begun, left = gatherer.begin(), []
-    rows = rng.normal(size=(25, len(begun.gram)))
+    blocks, drift, rng = core.monitor.blocks, DriftFilter.start(core.drift), np.random.default_rng(5)
+    second, left = BlockGatherer.start(blocks), []
+    rows = rng.normal(size=(25, len(second.last)))
     rows[:, -1] = 4.0 * rows[:, LOAD + 6]
-    second = begun._replace(gram=gatherer.memory * rows.T @ rows, rows=25, samples=5)
+    second.gram, second.rows, second.samples = numbers((blocks.memory * rows.T @ rows).ravel()), 25, 5
+    assert blocks.prior_of(drift) == pytest.approx(blocks.prior)
     for scale in (1.0, 100.0):
-        prior = gatherer._as_seen(drift._replace(scale=np.array([1.0, scale])))
-        left.append(gatherer._ended(second, prior)[1].left[0])
-    assert gatherer._as_seen(drift) == pytest.approx(gatherer.prior)
+        drift.scale = np.array([1.0, scale])
+        left.append(second.conclude(drift).left[0])
     assert left[1] < 0.1 * left[0]
 
 
@@ -175,7 +202,7 @@ def test_a_force_seems_to_turn_with_an_angle_that_is_off():
     machine, theta = core.service.machine, np.array([0.5, -1.2, -0.8])
     channels = np.zeros(9)
     channels[:3] = theta
-    found = Gatherer(core.model, core.tares).swung(channels, force)
+    found = core.monitor.blocks.turned_force(channels, force)
 
     def torque(q):
         return (machine.tool_point(q).gradient.conj() * force).real
@@ -193,21 +220,26 @@ def weight(mass, slopes):
 def test_a_weight_is_as_uncertain_as_signals_are_off():
     """Each signal by itself, in squares; what is the same in lift and return cancels."""
     lifted, sizes = weight(900.0, (3.0, -4.0)), np.array([2.0, 3.0])
-    assert error(lifted, TARES, STILL) == pytest.approx(2.0)
-    assert error(lifted, TARES, STILL, sizes) == pytest.approx(np.sqrt(4.0 + 36.0 + 144.0))
-    assert difference_error(lifted, weight(0.0, (3.0, -4.0)), TARES, STILL, sizes) == pytest.approx(np.sqrt(8.0))
+    constants = BookingConstants(TARES, RATED, 100.0)
+    assert constants.error(lifted, STILL) == pytest.approx(2.0)
+    assert constants.reported_error(lifted, STILL, sizes) == pytest.approx(np.sqrt(4.0 + 36.0 + 144.0))
+    what_left = difference(lifted, weight(0.0, (3.0, -4.0)))
+    assert constants.reported_error(what_left, STILL, sizes) == pytest.approx(np.sqrt(8.0))
 
 
 def test_the_parts_of_a_standard_error_by_hand():
     """Noise 4 kg^2; a tare off by 2 changes the mass by 3 each; a drift off by 1 by 5 each; 1 % of 900 kg; a signal off
     by 2 changes it by 3 each."""
-    tares = SimpleNamespace(covariance=np.array([[4.0]]), scale_error=0.01)
+    tares = TARES._replace(covariance=np.array([[4.0]]), scale_error=0.01)
+    constants = BookingConstants(tares, RATED, 100.0)
     drift = SimpleNamespace(values=np.zeros(1), covariance=np.array([[1.0]]))
     lifted = Weighed(900.0, 4.0, np.array([3.0]), np.array([5.0]), 100, slopes=np.array([3.0]))
-    assert variances(lifted, tares, drift, np.array([2.0])) == pytest.approx((4.0, 36.0, 25.0, 81.0, 36.0))
-    assert error(lifted, tares, drift, np.array([2.0])) == pytest.approx(np.sqrt(182.0))
+    parts = astuple(constants.variances(lifted, drift, tares, np.array([2.0])))
+    assert parts == pytest.approx((4.0, 36.0, 25.0, 81.0, 36.0))
+    assert constants.reported_error(lifted, drift, np.array([2.0])) == pytest.approx(np.sqrt(182.0))
     left = Weighed(100.0, 5.0, np.array([1.0]), np.array([5.0]), 100, slopes=np.array([3.0]))
-    assert difference_error(lifted, left, tares, drift, np.array([2.0])) == pytest.approx(np.sqrt(9.0 + 16.0 + 64.0))
+    both = constants.reported_error(difference(lifted, left), drift, np.array([2.0]))
+    assert both == pytest.approx(np.sqrt(9.0 + 16.0 + 64.0))
 
 
 def test_the_study_says_how_wide_each_way_is_and_what_holds():
@@ -222,24 +254,24 @@ def test_the_study_says_how_wide_each_way_is_and_what_holds():
 
 def test_nothing_is_booked_while_signals_may_be_so_far_off():
     """By more than what is good enough, certainly: the booking waits. What is probable is told with it."""
-    enough, bookings = GOOD_ENOUGH * RATED, []
+    enough, made = GOOD_ENOUGH * RATED, []
     for size in (1.01 * enough, 0.99 * enough):
-        books = Books(probable=Probable(np.array([2.0 * enough]), np.array([size])))
+        books = bookings(TARES, probable=ProbableErrors(np.array([2.0 * enough]), np.array([size])))
         for t, mass in enumerate((900.0, 900.0, 0.0, 0.0)):
-            books = noted(books, weight(mass, (1.0,)), RATED, t, TARES, STILL)
-        bookings.append(books.booking)
-    assert bookings[0] is None
-    assert bookings[1].standard_error == pytest.approx(np.hypot(2.0, 2.0 * enough))
+            books = noted(books, weight(mass, (1.0,)), t)
+        made.append(books.booking)
+    assert made[0] is None
+    assert made[1].standard_error == pytest.approx(np.hypot(2.0, 2.0 * enough))
 
 
 def test_one_signal_is_off_and_not_all():
     """Two signals, each of which would explain the same torques: what is certain of either does not add up."""
     enough, books = (
         GOOD_ENOUGH * RATED,
-        Books(probable=Probable(np.full(2, 12.0), np.full(2, 0.8 * GOOD_ENOUGH * RATED))),
+        bookings(TARES, probable=ProbableErrors(np.full(2, 12.0), np.full(2, 0.8 * GOOD_ENOUGH * RATED))),
     )
     for t, mass in enumerate((900.0, 900.0, 0.0, 0.0)):
-        books = noted(books, weight(mass, (1.0, 1.0)), RATED, t, TARES, STILL)
+        books = noted(books, weight(mass, (1.0, 1.0)), t)
     assert books.booking is not None
     assert books.booking.standard_error > enough
 
@@ -274,13 +306,12 @@ def test_a_force_is_as_uncertain_as_signals_are_off():
     events, _ = cycles(loaded, count=1)
     last = max(k for k, event in enumerate(events) if isinstance(event, Tick))
     state, *_ = through(core, events[:last])
-    watch = state.watch
     found = []
     for torque in (0.0, 20e3):
-        torques = np.zeros_like(watch.unnoticed.torques)
+        torques = np.zeros_like(state.monitor.undetected.torques)
         torques[0, 0] = torque
-        unnoticed = watch.unnoticed._replace(torques=torques)
-        begun = state._replace(watch=watch._replace(unnoticed=unnoticed))
-        found.append(step(core, begun, events[last])[1].estimate.force)
+        begun = state.copied()
+        begun.monitor.undetected.torques = torques
+        found.append(fed(begun, events[last]).estimate.force)
     assert found[1].z.standard_error > found[0].z.standard_error + 1e3
     assert found[1].z.value == found[0].z.value

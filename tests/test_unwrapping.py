@@ -13,12 +13,12 @@ from cylforce.files.recording import as_frames, open_pieces, open_recording
 from cylforce.files.tables import Table, write_table
 from cylforce.mechanics.unwrapping import Unwrapping, ends_passed
 from cylforce.programs.common.readings import model_of
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
 from cylforce.service.core import Core
 from cylforce.service.samples import samples
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode
-from cylforce.signals.estimate import Quantity, Reason
+from cylforce.signals.estimate import Reason
 from cylforce.signals.events import Frame, Tick
 from cylforce.signals.kinds import ANGLES, Kind
 from cylforce.signals.turns import TURN, Follower, continuous, in_range, nearest
@@ -137,17 +137,17 @@ def watched(loaded, angles):
     """Reasons and values of the bucket's inclination while it has these `angles` [rad] at 100 Hz, after a while at the
     first, and the links before hang; the signals that leapt."""
     service = loaded.service
-    assembler, names = Assembler(service), [s.name for s in service.machine.signals]
+    names = [s.name for s in service.machine.signals]
     others = {f"{joint}_angle": slope for joint, slope in zip(JOINTS, np.cumsum(HANGING), strict=True)}
-    inputs, seen, started = assembler.begin(), [], service.health.good_frames
+    inputs, seen, started = assembler(service), [], service.health.good_frames
     for k, angle in enumerate([*angles[:1]] * started + [*angles]):
         values = dict.fromkeys(names, 0.0) | others | {"bucket_angle": angle}
         pdos = [pdo for node in service.nodes for pdo in node.pdos]
         frames = [Frame(1_000_000 + 10_000 * k + n, pdo.can_id, encode(pdo, values)) for n, pdo in enumerate(pdos)]
-        inputs = assembler.receive(inputs, frames, assembler.still)
-        sample = assembler.sample(inputs, frames[-1].t_us)
-        seen.append((inputs.channels[AT["bucket_angle"]].reason, sample.values[AT["bucket_angle"]]))
-    return *zip(*seen[started:], strict=True), assembler.leapt(inputs)
+        inputs.receive(frames)
+        sample = inputs.sample(frames[-1].t_us)
+        seen.append((Reason(int(inputs.channels[AT["bucket_angle"]].reason)), sample.values[AT["bucket_angle"]]))
+    return *zip(*seen[started:], strict=True), inputs.leapt
 
 
 @pytest.mark.usefixtures("form")
@@ -276,7 +276,7 @@ def test_a_log_is_read_as_its_angles_go_on():
         if not (lost[0] < frame.t_us < lost[1] and frame.can_id == pdo_of(loaded.service, "slew_rate").can_id)
     ]
     events.sort(key=lambda event: event.t_us)
-    pieces = list(samples(Assembler(loaded.service), events, 10_000))
+    pieces = list(samples(assembler(loaded.service), events, 10_000))
     found, started = np.concatenate(pieces), loaded.service.health.good_frames
     known = np.isfinite(found[:, 0])
     assert np.count_nonzero(known) >= len(t) - started - 10
@@ -286,7 +286,7 @@ def test_a_log_is_read_as_its_angles_go_on():
 
 
 def quantities(estimate):
-    return [q for q in estimate if isinstance(q, Quantity)]
+    return [estimate.gross, estimate.net]
 
 
 @pytest.mark.parametrize(("kinds", "ends"), [(INCLINED, (-180.0, 180.0)), (ENCODED, (0.0, 360.0))])
@@ -376,12 +376,11 @@ def test_a_direction_is_in_range_wherever_the_circle_of_the_sensor_ends(ends, se
     service = measured(INCLINED, (-350.0, 350.0)).service
     raw = encode(PDO._replace(fields=pdo_of(service, "boom_angle").fields), {"boom_angle": radians(sent)})
     service = measured({"boom": Kind.JOINT_ANGLE}, ends).service
-    assembler, pdo = Assembler(service), pdo_of(service, "boom_angle")
-    inputs = assembler.begin()
+    inputs, pdo = assembler(service), pdo_of(service, "boom_angle")
     for k in range(20):
-        inputs = assembler.receive(inputs, [Frame(1_000_000 + 10_000 * k, pdo.can_id, raw)], assembler.still)
+        inputs.receive([Frame(1_000_000 + 10_000 * k, pdo.can_id, raw)])
     channel = inputs.channels[AT["boom_angle"]]
-    assert channel.reason is (Reason.OUT_OF_RANGE if read is None else Reason.NONE)
+    assert channel.reason == (Reason.OUT_OF_RANGE if read is None else Reason.NONE)
     assert read is None or np.degrees(channel.value) == pytest.approx(read, abs=0.001)
 
 
@@ -397,10 +396,10 @@ def test_the_largest_number_of_a_signed_field_is_an_error_code_and_no_direction(
         n._replace(pdos=tuple(p._replace(fields=tuple(map(field, p.fields))) for p in n.pdos)) for n in service.nodes
     )
     service = service._replace(nodes=nodes)
-    assembler, pdo = Assembler(service), pdo_of(service, "boom_angle")
+    pdo = pdo_of(service, "boom_angle")
     for raw, reason in ((0x7FFF, Reason.OUT_OF_RANGE), (0x7FFE, Reason.NONE)):
-        inputs = assembler.begin()
+        inputs = assembler(service)
         for k in range(20):
             frame = Frame(1_000_000 + 10_000 * k, pdo.can_id, raw.to_bytes(2, "little"))
-            inputs = assembler.receive(inputs, [frame], assembler.still)
-        assert inputs.channels[AT["boom_angle"]].reason is reason
+            inputs.receive([frame])
+        assert inputs.channels[AT["boom_angle"]].reason == reason

@@ -5,15 +5,16 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.kernel.inputs import NEVER
-from cylforce.service.assembler import Assembler
-from cylforce.service.senders.inputs import QUIET_US
+from cylforce.service.assembler import assembler
+from cylforce.service.core import Core
+from cylforce.service.senders.channels import QUIET_US
 from cylforce.service.senders.supervision import FAST_CLOCK, Supervisor
-from cylforce.service.step import MOST_FRAMES, Core, judged, step
+from cylforce.service.service import MOST_FRAMES, WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.events import Frame, Tick
-from scenarios import EXCAVATOR, START_US, cycles, identified, pdo_of, seconds, with_raw
+from scenarios import EXCAVATOR, START_US, cycles, fed, identified, pdo_of, seconds, with_raw
 
 PERIOD_US = 10_000
 SHORTEST_US = PERIOD_US * (1.0 - FAST_CLOCK)
@@ -22,14 +23,14 @@ SHORTEST_US = PERIOD_US * (1.0 - FAST_CLOCK)
 def paced(times):
     """What is known of a PDO after frames at `times` [us], and when each alarm came."""
     service = load(EXCAVATOR).service
-    assembler, pdo = Assembler(service), pdo_of(service, "stick_angle")
-    place = [each for _, each in assembler.supervisor.pdos].index(pdo)
-    inputs, data, alarms = assembler.begin(), encode(pdo, {"stick_angle": -1.0}), []
+    inputs, pdo = assembler(service), pdo_of(service, "stick_angle")
+    place = [each for _, each in inputs.constants.supervisor.pdos].index(pdo)
+    data, alarms = encode(pdo, {"stick_angle": -1.0}), []
     for t in map(int, times):
-        inputs = assembler.receive(inputs, [Frame(t, pdo.can_id, data)], assembler.still)
+        inputs.receive([Frame(t, pdo.can_id, data)])
         if inputs.pdos[place].doubled_us == t:
             alarms.append(t)
-    return (lambda t_us: pdo in assembler.supervisor.doubled(inputs, t_us)), alarms
+    return (lambda t_us: pdo in inputs.doubled(t_us)), alarms
 
 
 def late(count, rng, most):
@@ -91,11 +92,11 @@ def work():
     loaded = load(EXCAVATOR)
     core = Core(loaded.service, identified(loaded))
     events, masses = cycles(loaded, count=1)
-    state, states = core.begin(), {}
+    state, states = WeighingService.start(core), {}
     for k, event in enumerate(events):
         if isinstance(event, Tick) and round(100 * seconds(event)) % 10 == 0:
-            states[round(10 * seconds(event))] = k, state
-        state, _ = step(core, state, event)
+            states[round(10 * seconds(event))] = k, state.copied()
+        fed(state, event)
     return core, events, masses, states
 
 
@@ -122,11 +123,11 @@ def aliens(core, events, signal, rate, begin, share):
 def test_a_second_producer_makes_its_signal_unusable_and_books_nothing_wrong(work, rate):
     core, events, masses, states = work
     begin = 4.0
-    at, state = states[round(10 * begin)]
+    at, state = states[round(10 * begin)][0], states[round(10 * begin)][1].copied()
     alien = aliens(core, events, "boom_head_pressure", rate, begin, 0.8)
     shown, bookings = [], []
     for event in mixed(events[at:], alien):
-        state, out = step(core, state, event)
+        out = fed(state, event)
         if out.estimate is not None:
             shown.append((seconds(event), out.estimate))
             if (booking := out.estimate.booking) and booking.number > len(bookings):
@@ -144,13 +145,13 @@ def test_a_heartbeat_that_stops_while_its_pdos_go_on_ends_the_measurement_until_
     core, events, _, states = work
     node = core.service.nodes[0]
     begin, back = 4.0, 9.0
-    at, state = states[round(10 * begin)]
+    at, state = states[round(10 * begin)][0], states[round(10 * begin)][1].copied()
     reasons = []
     for event in events[at:]:
         beat = isinstance(event, Frame) and event.can_id == 0x700 + node.node_id
         if beat and begin <= seconds(event) < back:
             continue
-        state, out = step(core, state, event)
+        out = fed(state, event)
         if out.estimate is not None:
             reasons.append((seconds(event), out.estimate.gross.reason))
     first = next(t for t, reason in reasons if reason is Reason.NOT_OPERATIONAL)
@@ -161,13 +162,14 @@ def test_a_heartbeat_that_stops_while_its_pdos_go_on_ends_the_measurement_until_
 
 def test_a_node_that_says_it_is_not_operational_is_not_believed(work):
     core, _, _, states = work
-    _, state = states[40]
+    state = states[40][1].copied()
     node = core.service.nodes[0]
     t = state.estimate.t_us
     carried = {k for pdo in node.pdos for k, s in enumerate(core.service.machine.signals) if s.name in names(pdo)}
     for told, expected in ((5, set()), (127, carried), (4, carried), (5, set())):
-        state, _ = step(core, state, Frame(t, 0x700 + node.node_id, bytes([told])))
-        reasons = core.assembler.sample(judged(core, state).inputs, t).reasons
+        fed(state, Frame(t, 0x700 + node.node_id, bytes([told])))
+        state.receive()
+        reasons = state.inputs.sample(t).reasons
         found = {k: reason for k, reason in enumerate(reasons) if reason is not Reason.NONE}
         assert set(found) == expected
         assert set(found.values()) <= {Reason.NOT_OPERATIONAL}
@@ -175,20 +177,20 @@ def test_a_node_that_says_it_is_not_operational_is_not_believed(work):
 
 @pytest.mark.parametrize(("booted", "missed"), [(True, True), (False, False)])
 def test_a_node_that_booted_must_send_heartbeats_and_one_that_never_did_need_not(booted, missed):
-    assembler = Assembler(load(EXCAVATOR).service)
-    node, pdo = assembler.supervisor.pdos[0]
-    inputs, patience = assembler.begin(), int(3e6 * node.heartbeat_s)
+    service = load(EXCAVATOR).service
+    inputs = assembler(service)
+    node, pdo = inputs.constants.supervisor.pdos[0]
+    patience = int(3e6 * node.heartbeat_s)
     if booted:
-        inputs = assembler.restart(inputs, node.node_id)
+        inputs.restart(node.node_id)
 
     def lost(t):
-        nonlocal inputs
-        inputs = assembler.receive(inputs, [Frame(t, pdo.can_id, bytes(8))], assembler.still)
-        reasons = assembler.sample(inputs, t).reasons
+        inputs.receive([Frame(t, pdo.can_id, bytes(8))])
+        reasons = inputs.sample(t).reasons
         return any(reasons[k] is Reason.NOT_OPERATIONAL for k in carried)
 
-    carried = [k for k, s in enumerate(assembler.service.machine.signals) if s.name in names(pdo)]
-    beginning = int(1e4 * assembler.service.health.good_frames)  # the signals of a node that booted are not used yet
+    carried = [k for k, s in enumerate(service.machine.signals) if s.name in names(pdo)]
+    beginning = int(1e4 * service.health.good_frames)  # the signals of a node that booted are not used yet
     for t in range(1_000_000, 1_000_000 + patience + 1, PERIOD_US):
         assert not lost(t) or t < 1_000_000 + beginning
     assert lost(1_000_000 + patience + 1) is missed
@@ -196,12 +198,12 @@ def test_a_node_that_booted_must_send_heartbeats_and_one_that_never_did_need_not
 
 def test_a_heartbeat_that_was_never_heard_is_not_begun_by_pdos():
     """Of no node: its PDOs come unevenly, then not for longer than its patience, then again."""
-    assembler = Assembler(load(EXCAVATOR).service)
-    inputs, pdos = assembler.begin(), assembler.supervisor.pdos
-    patience = int(max(assembler.supervisor.patience_us))
+    inputs = assembler(load(EXCAVATOR).service)
+    supervisor = inputs.constants.supervisor
+    pdos, patience = supervisor.pdos, int(max(supervisor.patience_us))
     for t in (0, 4_000, 14_000, 18_000, 18_000 + 2 * patience):
         sent = [Frame(1_000_000 + t + k, pdo.can_id, bytes(8)) for k, (_, pdo) in enumerate(pdos)]
-        inputs = assembler.receive(inputs, sent, assembler.still)
+        inputs.receive(sent)
     assert any(pdo.excess for pdo in inputs.pdos)
     assert {node.t_us for node in inputs.nodes} == {NEVER}
 
@@ -214,11 +216,11 @@ def test_our_own_identifier_from_somebody_else_degrades_for_two_seconds(work):
     core, events, _, states = work
     ours = core.service.publication[0].can_id
     ok = next(k for k, (_, s) in sorted(states.items()) if s.estimate.gross.status is Status.OK)
-    at, state = states[ok]
-    state, _ = step(core, state, Frame(state.estimate.t_us, ours, bytes(8)))
+    at, state = states[ok][0], states[ok][1].copied()
+    fed(state, Frame(state.estimate.t_us, ours, bytes(8)))
     begin, reasons = state.estimate.t_us, []
     for event in events[at : at + 4000]:
-        state, out = step(core, state, event)
+        out = fed(state, event)
         if out.estimate is not None and out.estimate.force.x.status is not Status.INVALID:
             reasons.append((event.t_us - begin, out.estimate.force.x.status, out.estimate.force.x.reason))
     during = {status for t, status, _ in reasons if t < QUIET_US}
@@ -228,27 +230,29 @@ def test_our_own_identifier_from_somebody_else_degrades_for_two_seconds(work):
 
 
 def test_our_own_identifier_from_somebody_else_changes_nothing_else():
-    assembler = Assembler(load(EXCAVATOR).service)
-    supervisor, inputs = assembler.supervisor, assembler.begin()
-    for can_id in sorted(supervisor.ours):
-        found = supervisor.received(inputs, Frame(1_000_000, can_id, bytes(8)))
-        assert found.kept[:-1].tobytes() == inputs.kept[:-1].tobytes()
-        assert (found.spoofed(1_000_000), found.spoofed(1_000_000 + QUIET_US)) == (True, False)
+    untouched = assembler(load(EXCAVATOR).service)
+    for can_id in sorted(untouched.constants.supervisor.ours):
+        inputs = assembler(load(EXCAVATOR).service)
+        inputs.receive([Frame(1_000_000, can_id, bytes(8))])
+        assert inputs.state[:-5].tobytes() == untouched.state[:-5].tobytes()
+        assert (inputs.spoofed(1_000_000), inputs.spoofed(1_000_000 + QUIET_US)) == (True, False)
 
 
 def test_requests_to_us_are_nobody_elses():
-    supervisor = Supervisor(load(EXCAVATOR).service)
-    own = supervisor.service.node_id
+    service = load(EXCAVATOR).service
+    supervisor, own = Supervisor(service), service.node_id
     assert not supervisor.ours & {0, 0x80, 0x600 + own}
     assert {0x180 + own, 0x580 + own, 0x700 + own, 0x80 + own} <= supervisor.ours
 
 
 def test_frames_do_not_pile_up_without_ticks(work):
     """A flood between two ticks: the state stays as large as it was, and every frame is judged."""
-    core, _, _, states = work
-    _, state = states[40]
-    counted = judged(core, state).inputs.counters.unknown
+    _, _, _, states = work
+    state = states[40][1].copied()
+    state.receive()
+    counted = state.inputs.counters.unknown
     for k in range(1000):
-        state, _ = step(core, state, Frame(state.estimate.t_us + k, 0x123, b""))
+        fed(state, Frame(state.estimate.t_us + k, 0x123, b""))
         assert len(state.frames) < MOST_FRAMES
-    assert judged(core, state).inputs.counters.unknown - counted == 1000
+    state.receive()
+    assert state.inputs.counters.unknown - counted == 1000

@@ -20,7 +20,9 @@ from cylforce.estimation.kernel import choice
 from cylforce.files.candump import event_lines
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
-from cylforce.service.step import Core, step
+from cylforce.service.assembler import Assembler
+from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Event, Frame, Tick
 from studies._rivals import c_updates, canopen_decoder, filterpy_update, numpy_update, padasip_update
@@ -90,21 +92,22 @@ def measure(config: Path, rounds: int) -> Times:
 def stepped(core: Core, events: Sequence[Event], found: Times, loop: Callable[[], object] | None) -> None:
     """The step and the others in turn."""
     rivals = {"filterpy": filterpy_update(), "padasip": padasip_update(), "numpy": numpy_update()}
-    decode, receive = canopen_decoder(core.service), core.assembler.receive
-    state, due, steps = core.begin(), due_at(core), 0
+    decode = canopen_decoder(core.service)
+    weighing, due, steps = WeighingService.start(core), due_at(core), 0
     for group in grouped(events):
         begin = process_time()
         for event in group:
-            state, out = step(core, state, event)
-            if out.estimate is not None:
+            estimate = weighing.on_event(event)
+            if estimate is not None:
                 steps += 1
-                tuple(out.due(due[steps % len(due)]))
+                core.encoders.due(estimate, due[steps % len(due)])
         event_lines(group, "can0")
         found["step"].append((process_time() - begin) / GROUP * 1e6)
-        frames = [e for e in group if isinstance(e, Frame) and e.can_id in core.assembler.decoders]
-        inputs, moving = state.inputs, state.moving
+        frames = [e for e in group if isinstance(e, Frame) and e.can_id in core.inputs.decoders]
+        inputs, moving = Assembler.start(core.inputs), weighing.moving
+        inputs.restore(weighing.inputs.snapshot())
         together = [frames[k : k + A_TICK] for k in range(0, len(frames), A_TICK)]
-        us = each_us(lambda some, i=inputs, m=moving: receive(i, some, m), together)
+        us = each_us(lambda some, i=inputs, m=moving: i.receive(some, m), together)
         found["decode"].append(us * len(together) / max(len(frames), 1))
         found["canopen"].append(each_us(decode, frames))
         for name, rival in rivals.items():
@@ -141,11 +144,11 @@ def kernel_alone(core: Core, events: Sequence[Event], rounds: int, found: Times)
     try:
         fresh = Core(core.service, core.tares)
         for _ in range(rounds):
-            state = fresh.begin()
+            weighing = WeighingService.start(fresh)
             for group in grouped(events):
                 watched.took.clear()
                 for event in group:
-                    state, _ = step(fresh, state, event)
+                    weighing.on_event(event)
                 for name, functions in (("rows", ROWS), ("solve", SOLVE)):
                     us = [1e6 * (watched.took[f] / GROUP - empty) for f in functions if f in watched.took]
                     found[name].append(sum(us))

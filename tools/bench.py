@@ -20,16 +20,16 @@ from rich.console import Console
 from rich.table import Table
 
 from cylforce.commissioning.identification import identify
-from cylforce.estimation.channels import Channels
 from cylforce.files.recording import Events, open_recording
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.sim import run_sim
 from cylforce.service.assembler import Assembler
-from cylforce.service.contact.interaction import Interactor
-from cylforce.service.pipeline import Pipeline
+from cylforce.service.contact.interaction import ForceEstimator
+from cylforce.service.core import Core
+from cylforce.service.pipeline import Pipeline, PipelineConstants
 from cylforce.service.publication import Encoder, timetable
-from cylforce.service.step import Core, step
-from cylforce.service.weighing import Weigher
+from cylforce.service.service import WeighingService
+from cylforce.service.weighing import LoadConstants, LoadEstimator
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.events import Event, Frame, Tick
 
@@ -39,9 +39,9 @@ CONFIGS = ("excavator_20t.toml", "excavator_stick_bucket.toml")
 PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "decode": ((Assembler, "receive"),),
     "sample": ((Assembler, "sample"),),
-    "regressor": ((Channels, "read"), (Pipeline, "advance")),
-    "recursion": ((Weigher, "left"), (Weigher, "step")),
-    "force": ((Interactor, "step"),),
+    "regressor": ((PipelineConstants, "read"), (Pipeline, "update")),
+    "recursion": ((LoadConstants, "residual"), (LoadEstimator, "update")),
+    "force": ((ForceEstimator, "update"),),
     "encode": ((Encoder, "data"),),
 }
 WORDS = {
@@ -100,13 +100,13 @@ def recorded_events(loaded: Loaded, log: Path) -> Iterator[Event]:
 def step_us(core: Core, events: Sequence[Event], now: Clock = time.process_time) -> tuple[float, float]:
     """Time of a step with its frames, and of the yardstick, one after every few steps: what slows the core for one (its
     clock, neighbours in its caches) slows it for the other."""
-    state, yard, ticks, due = core.begin(), 0.0, 0, due_at(core)
+    weighing, yard, ticks, due = WeighingService.start(core), 0.0, 0, due_at(core)
     start = now()
     for event in events:
-        state, out = step(core, state, event)
-        if isinstance(event, Tick):
+        estimate = weighing.on_event(event)
+        if estimate is not None:
             ticks += 1
-            tuple(out.due(due[ticks % len(due)]))
+            core.encoders.due(estimate, due[ticks % len(due)])
         if isinstance(event, Tick) and ticks % STEPS_A_YARDSTICK == 0:
             before = now()
             yardstick()

@@ -15,13 +15,17 @@ from against import recorded
 from bench import due_at
 from cylforce.files.candump import event_lines
 from cylforce.files.logfile import BLOCK_LINES
-from cylforce.service.step import Core, step
-from cylforce.signals.events import Event, Tick
+from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
+from cylforce.signals.events import Event
 
 EVERY_S = 0.001
 SHOWN = 36
 NOT_SHOWN = ("profiled.", "bench.", "<frozen", "runpy.")
-WORDS = {"<string>.<lambda>": "(a named tuple is made)"}
+WORDS = {
+    "<string>.<lambda>": "(a named tuple is made)",
+    "<string>.__create_fn__.<locals>.__init__": "(a dataclass is made)",
+}
 
 
 class Share(NamedTuple):
@@ -72,13 +76,13 @@ def measure(config: Path, rounds: int) -> tuple[dict[str, Share], float]:
 
 def stepped(core: Core, events: list[Event]) -> int:
     """The number of steps taken."""
-    state, due, steps, logged = core.begin(), due_at(core), 0, list[Event]()
+    weighing, due, steps, logged = WeighingService.start(core), due_at(core), 0, list[Event]()
     for event in events:
         logged.append(event)
-        state, out = step(core, state, event)
-        if isinstance(event, Tick):
+        estimate = weighing.on_event(event)
+        if estimate is not None:
             steps += 1
-            tuple(out.due(due[steps % len(due)]))
+            core.encoders.due(estimate, due[steps % len(due)])
         if len(logged) >= BLOCK_LINES:
             event_lines(logged, "can0")
             logged.clear()

@@ -21,9 +21,10 @@ from cylforce.files.candump import Sent, event_line
 from cylforce.files.logfile import header_lines
 from cylforce.programs.common.readings import header_of, make_core
 from cylforce.programs.sim import run_sim
-from cylforce.service.step import Core, step
+from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
-from cylforce.signals.events import Event, Tick
+from cylforce.signals.events import Event
 
 CYCLE_S = 15.0  # at most, of a simulated digging cycle
 BUS = "can0"
@@ -95,14 +96,15 @@ def written(config: Path, raw: Path, identified: Path, log: Path, seconds: float
 
 def served(core: Core, events: Iterator[Event]) -> Iterator[Event | Sent]:
     """The events, and behind each tick what our node sends."""
-    state, due, steps = core.begin(), due_at(core), 0
+    weighing, due, steps = WeighingService.start(core), due_at(core), 0
     ids = {pdo.number: pdo.can_id for pdo in core.service.publication}
     for event in events:
         yield event
-        state, out = step(core, state, event)
-        if isinstance(event, Tick):
+        estimate = weighing.on_event(event)
+        if estimate is not None:
             steps += 1
-            yield from (Sent(event.t_us, ids[number], data) for number, data in out.due(due[steps % len(due)]))
+            sent = core.encoders.due(estimate, due[steps % len(due)])
+            yield from (Sent(event.t_us, ids[number], data) for number, data in sent)
 
 
 def replayed(config: Path, log: Path, identified: Path) -> Replay:

@@ -6,8 +6,9 @@ import argparse
 import shutil
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,13 +27,14 @@ from cylforce.estimation.segments import gapless
 from cylforce.files.shipped import shipped
 from cylforce.programs.common.play import Play, prepare
 from cylforce.programs.common.readings import model_of
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
+from cylforce.service.core import Core
+from cylforce.service.publication import frames
 from cylforce.service.samples import samples
-from cylforce.service.state import State
-from cylforce.service.step import Core, step
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Status
-from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.events import Event, Frame
 from cylforce.simulation.sensor_bus import bus_events
 
 START_US = 1_772_000_000_000_000
@@ -50,19 +52,19 @@ centre_m = [0.75, 0.2]
 point_m = [1.6, 0.0]
 rated_payload_kg = 1300
 """
-Wanted = Callable[[State], bool]
+Wanted = Callable[[WeighingService], bool]
 
 
-def hangs(state: State) -> bool:
+def hangs(service: WeighingService) -> bool:
     """A weight that is OK, and some buckets in the truck."""
-    net = state.estimate.net
-    return net.status is Status.OK and net.value > 900.0 and state.truck.filled >= BUCKETS
+    net = service.estimate.net
+    return net.status is Status.OK and net.value > 900.0 and service.truck.filled >= BUCKETS
 
 
-def digs(state: State) -> bool:
+def digs(service: WeighingService) -> bool:
     """The teeth are in the ground."""
-    force = state.estimate.soil.magnitude
-    return force.status is Status.OK and force.value > 4e4 and state.truck.filled >= BUCKETS
+    force = service.estimate.soil.magnitude
+    return force.status is Status.OK and force.value > 4e4 and service.truck.filled >= BUCKETS
 
 
 def played(made: Play) -> Iterator[Event]:
@@ -74,7 +76,7 @@ def core_of(loaded: Loaded, seed: int) -> Core:
     """The service, commissioned with the empty machine's moves."""
     moves = prepare(loaded, "moves", seed, 0.1, amount=MOVES_S)
     period = round(1e6 / loaded.service.filters.rate_hz)
-    pieces = samples(Assembler(loaded.service), played(moves), period)
+    pieces = samples(assembler(loaded.service), played(moves), period)
     longest = int(loaded.service.health.hold_s * loaded.service.filters.rate_hz)
     segments = [segment for piece in pieces for segment in gapless(piece, longest)]
     return Core(loaded.service, identify(model_of(loaded), segments).tares)
@@ -85,8 +87,8 @@ class Scene:
 
     def __init__(self, loaded: Loaded, seed: int) -> None:
         self._core = core_of(loaded, seed)
-        begun = self._core.begin()
-        self._state = begun._replace(truck=begun.truck._replace(target=TARGET_KG))
+        self._service = WeighingService.start(self._core)
+        self._service.truck = replace(self._service.truck, target=TARGET_KG)
         self._events = played(prepare(loaded, "cycles", seed, 0.1, amount=CYCLES))
         self._listener, self._loading, self._beat_us = Listener(loaded.service), Loading(), 0
         self._painter = Painter(self._listener, Marks())
@@ -96,26 +98,26 @@ class Scene:
         """The engineering picture, which holds the operator's, of the next moment that is wanted and lasts."""
         held = 0
         for event in self._events:
-            self._state, output = step(self._core, self._state, event)
+            estimate = self._service.on_event(event)
             if isinstance(event, Frame):
                 self._listener.on_frame(event)
-            elif isinstance(event, Tick):
-                self._hear(event.t_us, output.frames)
-                held = held + 1 if wanted(self._state) else 0
+            elif estimate is not None:
+                self._hear(event.t_us, frames(self._core.service.publication, estimate))
+                held = held + 1 if wanted(self._service) else 0
                 if held > HELD_S * self._core.service.filters.rate_hz:
                     return self._painter.engineering(self._loading, event.t_us)
         raise ValueError("the machine's work has ended before the moment came: another --seed")
 
-    def _hear(self, t_us: int, frames: tuple[tuple[int, bytes], ...]) -> None:
+    def _hear(self, t_us: int, sent: Iterable[tuple[int, bytes]]) -> None:
         self._ticks += 1
-        for number, data in frames:
+        for number, data in sent:
             pdo = self._pdos[number]
             if self._ticks % max(1, round(pdo.period_s * self._core.service.filters.rate_hz)) == 0:
                 self._listener.on_frame(Frame(t_us, pdo.can_id, data))
         if t_us - self._beat_us >= HEARTBEAT_US:
             self._beat_us = t_us
             self._listener.on_frame(Frame(t_us, 0x700 + self._core.service.node_id, b"\x05"))
-        truck, booking = self._state.truck, self._state.estimate.booking
+        truck, booking = self._service.truck, self._service.estimate.booking
         last = booking.number if booking else 0
         known = TruckState(truck.number, truck.total, truck.filled, last, last, truck.product, truck.target, 1, 0)
         if self._loading.known is None or known.filled != self._loading.known.filled:

@@ -22,8 +22,8 @@ import pytest
 
 from cylforce.can.opening import open_bus
 from cylforce.programs.run import Daemon
-from cylforce.service.state import NOTHING_KEPT
-from cylforce.service.step import Core
+from cylforce.service.core import Core
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from faulting.lateness import FOREIGN, FRAME, flooded
@@ -64,7 +64,7 @@ async def ran(loaded, core, filtered):
     await asyncio.sleep(SECONDS)
     cpu = (time.process_time() - before) / SECONDS
     steps, overruns = (b - a for a, b in zip(counted, daemon.counts, strict=True))
-    reason = daemon.state.estimate.gross.reason
+    reason = daemon.weighing.estimate.gross.reason
     await daemon.stop(loop)
     return (
         np.array(times),

@@ -16,8 +16,8 @@ import pytest
 
 from cylforce.can.opening import open_bus
 from cylforce.programs.run import Daemon
-from cylforce.service.state import NOTHING_KEPT
-from cylforce.service.step import Core
+from cylforce.service.core import Core
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR, identified
 

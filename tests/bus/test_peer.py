@@ -4,6 +4,7 @@ import asyncio
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,8 +19,8 @@ from cylforce.canopen.network import Network
 from cylforce.canopen.node import Node
 from cylforce.canopen.objects import Commands
 from cylforce.service import commands
+from cylforce.service.commands import Scale
 from cylforce.service.publication import publication
-from cylforce.service.state import Scale
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Quantity, Reason, Status
 
@@ -46,8 +47,8 @@ class Scales:
     def on_frame(self, frame):
         command = commands.read(frame, OURS)
         if command is not None:
-            scale, self.verdict, _ = commands.obey(command, self.scale, self.mass, RATED)
-            self.scale = Scale(*scale)
+            self.scale, answer = commands.obey(command, self.scale, self.mass, RATED)
+            self.verdict = answer.verdict
             self.publish()
         self.network.on_frame(frame)
 
@@ -162,9 +163,9 @@ async def weight_by_pdo_and_sdo(scales, peer):
 async def commands_that_are_refused(scales, peer):
     was = scales.mass
     wrong = await peer.ask(download=(0x6125, 1, "UNSIGNED32", 1))
-    scales.mass = was._replace(value=500.0)
+    scales.mass = replace(was, value=500.0)
     far = await peer.ask(download=(0x6125, 1, "UNSIGNED32", ZERO))
-    scales.mass = was._replace(status=Status.INVALID)
+    scales.mass = replace(was, status=Status.INVALID)
     moving = await peer.ask(download=(0x6125, 1, "UNSIGNED32", ZERO))
     nothing = await peer.ask(upload=(0x5000, 0, "UNSIGNED32"))
     scales.mass = was

@@ -11,8 +11,8 @@ import pytest
 import cylforce
 from cylforce.can.opening import open_bus
 from cylforce.programs.run import Daemon
-from cylforce.service.state import NOTHING_KEPT
-from cylforce.service.step import Core
+from cylforce.service.core import Core
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.events import Frame

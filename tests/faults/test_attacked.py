@@ -14,8 +14,10 @@ import pytest
 
 from cylforce.files.tables import Table
 from cylforce.programs.common.play import prepare
-from cylforce.service.state import Memory, Scale
-from cylforce.service.step import Core
+from cylforce.service.commands import Scale
+from cylforce.service.core import Core
+from cylforce.service.memory import Memory
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Status
 from faulting.__main__ import scenario
@@ -123,7 +125,7 @@ def test_after_a_restart_the_weight_is_ok_within_3_s_of_motion(case, begin, mass
     """The service starts with what it kept, while the machine stands still; then boom and stick move."""
     strokes = [(0, MOVES_S, MOVES_S + 3.0, 0.4), (1, MOVES_S, MOVES_S + 3.0, -0.4)]
     events = played(case.loaded, [scene(begin, strokes, MOVES_S + 3.0, mass)])
-    _, found, _ = through(case.core, events, case.core.begin(Memory(Scale(5.0))))
+    _, found, _ = through(case.core, events, WeighingService.start(case.core, Memory(Scale(5.0))))
     first = next(e for e in found if e.gross.status is Status.OK)
     assert seconds(first) - MOVES_S <= FIRST_OK_S
     assert abs(first.gross.value - mass + 5.0) < 3.0 * first.gross.standard_error

@@ -15,8 +15,8 @@ from cylforce.files.tables import Table
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.play import prepare
 from cylforce.programs.live.doubts import Doubts
+from cylforce.service.core import Core
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
-from cylforce.service.step import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking, Reason, Status
 from cylforce.signals.units import DEGREE
@@ -116,9 +116,9 @@ def test_a_fault_of_a_sensor(work, fault, cause, code, within):
     after = course.t_s > first[0] + 0.02
     if first[1].latched:
         assert not course.ok[after].any()
-        assert course.state.watch.suspicion.level is Level.REJECTED
-        assert course.state.estimate.gross.status is Status.INVALID
-        assert course.state.estimate.force.x.reason in (Reason.SENSORS_DISAGREE, Reason.FROZEN)
+        assert course.service.monitor.suspicion.level is Level.REJECTED
+        assert course.service.estimate.gross.status is Status.INVALID
+        assert course.service.estimate.force.x.reason in (Reason.SENSORS_DISAGREE, Reason.FROZEN)
     sent, told = [], Told()
     doubts = Doubts(work.machine, Emergencies(lambda data: not sent.append(data), lambda *_: None), told)
     doubts.look(first[1])

@@ -17,14 +17,15 @@ from cylforce.records.audit import Audit, entries, first_broken
 from cylforce.records.recorder import Recorder
 from cylforce.records.schema import open_reading
 from cylforce.records.writing import Start
+from cylforce.service.core import Core
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.service.plausibility.suspicion import Level
-from cylforce.service.state import NOTHING_KEPT
-from cylforce.service.step import Core, step
+from cylforce.service.service import WeighingService
 from cylforce.settings.identified import read_identified, write_identified
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.signals.estimate import Status
 from cylforce.signals.events import Frame, Tick
-from scenarios import EXCAVATOR, cycles, moved, seconds, through
+from scenarios import EXCAVATOR, cycles, fed, moved, seconds, through
 
 UNIT = Path(__file__).resolve().parents[2] / "systemd" / "cylforce.service"
 FRAME_US = 250  # of 8 bytes at 500 kbit/s
@@ -40,11 +41,11 @@ class Work:
         self.found = identify(model_of(self.loaded), [moved(self.loaded)])
         self.core = Core(self.loaded.service, self.found.tares)
         self.events, _ = cycles(self.loaded, count=2)
-        state, self.states, self.good = self.core.begin(), [], {}
+        state, self.states, self.good = WeighingService.start(self.core), [], {}
         for k, event in enumerate(self.events):
             if isinstance(event, Tick) and seconds(event) >= 6.0 + 2.0 * len(self.states):
-                self.states.append((k, state))
-            state, out = step(self.core, state, event)
+                self.states.append((k, state.copied()))
+            out = fed(state, event)
             if out.estimate is not None:
                 self.good[event.t_us] = out.estimate
 
@@ -88,7 +89,7 @@ def test_a_bus_full_of_others_frames(work, kept, lasts):
         free = begin + 1e6 * lasts
         events = [e for e in work.events[at:] if e.t_us < free + 2e6]
         state, found, _ = through(work.core, filled(events, lasts, MAILBOXES[kept]), before)
-        assert state.watch.suspicion.level is Level.FINE
+        assert state.monitor.suspicion.level is Level.FINE
         forces = {e.t_us: e.force.magnitude.status for e in found}
         assert {s for t, s in forces.items() if begin + 1e6 * HOLD_S + 20_000 < t < free} <= {Status.INVALID}
         assert not {s for t, s in forces.items() if t > free + 1e6} & {Status.INVALID, Status.HOLD}

@@ -186,7 +186,7 @@ def test_the_log_replays_to_the_last_bit(ran):
     found = run_replay(ran.machine, ran.log, ran.tares, told.append)
     assert (found.different, told) == (0, [])
     assert found.compared == sum(len(sent(ran, pdo.can_id)) for pdo in ran.machine.service.publication)
-    assert found.state.scale.zero != 0.0
+    assert found.service.scale.zero != 0.0
 
 
 def test_tshark_finds_no_malformed_frame(ran):

@@ -27,7 +27,7 @@ from cylforce.programs.live import station
 from cylforce.programs.live.books import open_recorder
 from cylforce.programs.replay import stream_replay
 from cylforce.programs.run import Daemon
-from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.identified import write_identified
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
@@ -163,7 +163,7 @@ def worked(folder: Path, minutes: float, seed: int) -> Hour:
         asyncio.run(served(daemon, steps.count, memory))
     if recorder is not None:
         recorder.close()
-    booking, files = daemon.state.estimate.booking, [*earlier_files(log).values(), log]
+    booking, files = daemon.weighing.estimate.booking, [*earlier_files(log).values(), log]
     again = [stream_replay(loaded, each, tares, lambda _: None) for each in files]
     played = sum(each.compared for each in again), sum(each.different for each in again)
     return Hour(memory, daemon.counts.steps, booking.number if booking else 0, len(files), *played)

@@ -32,7 +32,7 @@ from cylforce.files.logfile import LogWriter
 from cylforce.programs.common.readings import header_of
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.run import Daemon
-from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.signals.estimate import Status
 
 from .serving import Sensors, served
@@ -134,7 +134,7 @@ class Followed:
 
     def _sent(self) -> None:
         self.late.sent.append(now_us() - self._due_us)
-        estimate = self._daemon.state.estimate
+        estimate = self._daemon.weighing.estimate
         self.ok.append(Status.OK in (estimate.gross.status, estimate.force.x.status))
         self._say.info("step", number=self._daemon.counts.steps)
         self._after()

@@ -3,7 +3,9 @@ and how many of those that are put in at random."""
 
 import argparse
 import os
+from array import array
 from collections.abc import Iterator, Sequence
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -18,7 +20,9 @@ from crane.machine_file import text
 from cylforce.estimation.kernel.making import numbers
 from cylforce.files.recording import open_recording
 from cylforce.files.tables import Table as Samples
-from cylforce.service.plausibility.leaping import AFTER, LONGEST, Leaping
+from cylforce.programs.common.readings import model_of
+from cylforce.service.plausibility.detector import MonitoredMachine
+from cylforce.service.plausibility.pressure_leap import AFTER, LONGEST, LeapTest, PressureLeap
 from cylforce.service.plausibility.suspicion import SensorFault
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
@@ -35,7 +39,7 @@ class Piece(NamedTuple):
     """A recording in order: its source, what looks for leaps, its pressures (T, P) [Pa]."""
 
     source: str
-    leaping: Leaping
+    leaping: PressureLeap
     pressures: Array
 
 
@@ -87,35 +91,36 @@ def _piece(source: str, loaded: Loaded, path: Path) -> Piece:
 
 
 def _made(source: str, loaded: Loaded, values: Array) -> Piece:
-    leaping = Leaping(loaded.service.machine, loaded.service.filters.rate_hz)
-    return Piece(source, leaping, values[:, leaping.signals])
+    model = model_of(loaded)
+    leaping = PressureLeap.start(MonitoredMachine(model, model.data_sheet, inf))
+    return Piece(source, leaping, values[:, leaping.constants.test.signals])
 
 
 def seen(piece: Piece, rng: np.random.Generator) -> Seen:
     """What a recording shows."""
-    found, leaping = piece.pressures, piece.leaping
+    found, test = piece.pressures, piece.leaping.constants.test
     changes = np.abs(np.diff(found, axis=0)) / BAR
     at = rng.integers(0, len(found) - LONGEST, TRIED)
     windows = np.lib.stride_tricks.sliding_window_view(found, LONGEST, axis=0)[at].swapaxes(1, 2)
-    exchanged = [_share(leaping, [_exchanged(w, pairs) for w in windows]) for pairs in leaping.exchanges]
-    single = [len(pairs) == 1 for pairs in leaping.exchanges]
+    exchanged = [_share(test, [_exchanged(w, pairs) for w in windows]) for pairs in test.exchanges]
+    single = [len(pairs) == 1 for pairs in test.exchanges]
     return Seen(
-        len(found) / leaping.rate_hz / 3600.0,
+        len(found) / piece.leaping.constants.blocks.model.filters.rate_hz / 3600.0,
         float(np.percentile(changes, 99.0)),
         float(changes.max()),
-        doubted(leaping, found),
+        doubted(piece.leaping, found),
         float(np.mean([x for x, one in zip(exchanged, single, strict=True) if one])),
         float(np.mean([x for x, one in zip(exchanged, single, strict=True) if not one])),
-        tuple(_share(leaping, [_stepped(w, bar, rng) for w in windows]) for bar in STEPS_BAR),
+        tuple(_share(test, [_stepped(w, bar, rng) for w in windows]) for bar in STEPS_BAR),
     )
 
 
-def doubted(leaping: Leaping, pressures: Array) -> int:
+def doubted(leaping: PressureLeap, pressures: Array) -> int:
     """How many leaps there are along pressures (T, P) [Pa], those of a friction that turns round among them."""
-    state, times = leaping.begin(), set()
+    times = set[int]()
     for k, row in enumerate(pressures.tolist(), 1):
-        state = leaping.step(state, numbers(row), k)
-        times.add(state.since)
+        leaping.take(numbers(row), k, array("d"))
+        times.add(leaping.since)
     return len(times - {0})
 
 
@@ -133,8 +138,8 @@ def _stepped(window: Array, bar: float, rng: np.random.Generator) -> Array:
     return found
 
 
-def _share(leaping: Leaping, windows: Sequence[Array]) -> float:
-    return float(np.mean([leaping.leap(w).cause is not SensorFault.NONE for w in windows]))
+def _share(test: LeapTest, windows: Sequence[Array]) -> float:
+    return float(np.mean([test.leap(w).cause is not SensorFault.NONE for w in windows]))
 
 
 def table(found: Sequence[tuple[str, Seen]]) -> Table:

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cylforce.service.core import Core
 from cylforce.service.plausibility.suspicion import Level, SensorDoubt
-from cylforce.service.state import State
-from cylforce.service.step import Core, step
+from cylforce.service.service import WeighingService
 from cylforce.signals.estimate import Array, Booking, Quantity, Status
 from cylforce.signals.events import Event
 
@@ -19,7 +19,8 @@ SAME_S = 3.0  # s by which a bucket may be booked earlier than in order; later i
 
 class Course(NamedTuple):
     """What the service said at every tick: time [s]; values, standard errors and whether they are OK (T, 3) of gross
-    weight, force x and z; the suspicions as they changed, with their times [s]; the bookings; the last state."""
+    weight, force x and z; the suspicions as they changed, with their times [s]; the bookings; the service
+    afterwards."""
 
     t_s: Array
     values: Array
@@ -27,7 +28,7 @@ class Course(NamedTuple):
     ok: NDArray[np.bool_]
     suspicions: list[tuple[float, SensorDoubt]]
     bookings: list[Booking]
-    state: State
+    service: WeighingService
 
     def since(self, begin: float, end: float = np.inf) -> "Course":
         """What was said in a time [s]."""
@@ -44,22 +45,24 @@ class Course(NamedTuple):
         return self._replace(t_s=self.t_s[rows], values=self.values[rows], errors=self.errors[rows], ok=self.ok[rows])
 
 
-def followed(core: Core, events: Iterable[Event], state: State | None = None, *, whole: bool = True) -> Course:
-    """The service over events, from a state on; unless `whole`, until a signal is rejected for good, after which
-    nothing is shown any more."""
-    state = core.begin() if state is None else state
+def followed(
+    core: Core, events: Iterable[Event], service: WeighingService | None = None, *, whole: bool = True
+) -> Course:
+    """The service over events, from a copy of `service` on; unless `whole`, until a signal is rejected for good, after
+    which nothing is shown any more."""
+    service = WeighingService.start(core) if service is None else service.copied(core)
     times: list[float] = []
     rows: list[tuple[Quantity, ...]] = []
     bookings: dict[int, Booking] = {}
     suspicions: list[tuple[float, SensorDoubt]] = []
-    known, before = state.watch.suspicion, state.estimate.booking
+    known, before = service.monitor.suspicion, service.estimate.booking
     for event in events:
-        state, out = step(core, state, event)
-        if out.estimate is None:
+        estimate = service.on_event(event)
+        if estimate is None:
             continue
-        times.append(1e-6 * out.estimate.t_us)
-        rows.append((out.estimate.gross, out.estimate.force.x, out.estimate.force.z))
-        booking, now = out.estimate.booking, state.watch.suspicion
+        times.append(1e-6 * estimate.t_us)
+        rows.append((estimate.gross, estimate.force.x, estimate.force.z))
+        booking, now = estimate.booking, service.monitor.suspicion
         if booking is not None and (before is None or booking.number != before.number):
             bookings[booking.number] = booking
         if (now.level, now.cause) != (known.level, known.cause):
@@ -69,7 +72,7 @@ def followed(core: Core, events: Iterable[Event], state: State | None = None, *,
             break
     table = np.array([[(q.value, q.standard_error, q.status is Status.OK) for q in row] for row in rows])
     ok = table[..., 2] > 0.5
-    return Course(np.array(times), table[..., 0], table[..., 1], ok, suspicions, list(bookings.values()), state)
+    return Course(np.array(times), table[..., 0], table[..., 1], ok, suspicions, list(bookings.values()), service)
 
 
 def ended(course: Course, t_s: Array) -> Course:
@@ -130,7 +133,7 @@ def wrong(course: Course, order: Course) -> Wrong:
         false,
         doubted,
         rejected,
-        course.state.watch.suspicion,
+        course.service.monitor.suspicion,
     )
 
 

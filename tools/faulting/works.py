@@ -15,7 +15,7 @@ from cylforce.files.recording import as_frames, open_recording
 from cylforce.files.tables import Table
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import model_of
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Event

@@ -37,7 +37,7 @@ ROOMS = {
         ("test_codes.py", "test_assembler.py", "test_kernel_parts.py", "test_who_sends.py", "test_step.py"),
     ),
     "gates": Room(
-        ("service/step.py", "service/force.py", "service/recognition.py", "signals/estimate.py"),
+        ("service/service.py", "service/force.py", "service/recognition.py", "signals/estimate.py"),
         (
             "test_codes.py",
             "test_other_tool.py",

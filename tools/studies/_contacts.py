@@ -15,7 +15,7 @@ from cylforce.commissioning.identification import identify
 from cylforce.files.atomic import RecordingError
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.replay import replay_through
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Array, Estimate

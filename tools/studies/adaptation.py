@@ -20,7 +20,7 @@ from rich.table import Table
 from cylforce.commissioning.identification import identify
 from cylforce.programs.common.readings import model_of, recorded_segments
 from cylforce.programs.replay import Replayed, replay_through
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Status
 from reference_machine.machine import draw
@@ -69,7 +69,7 @@ def scores(loaded: Loaded, run: Replayed, truth: Recording) -> dict[str, Any]:
     return {
         "empty": (np.array(empty) / rated).tolist(),
         "loads": (np.array(loads) / rated).tolist(),
-        "drift_kg": run.state.drift.mass,
+        "drift_kg": run.service.drift.mass,
     }
 
 

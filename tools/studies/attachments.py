@@ -20,12 +20,12 @@ from rich.table import Table
 from cylforce.commissioning.identification import identify, identify_attachment
 from cylforce.estimation.model import Tares
 from cylforce.programs.common.readings import calibrated, model_of, recorded_segments, tool_models
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Booking, Estimate, Reason
 from reference_machine.machine import Machine, draw
 
-from ._quick import states
+from ._quick import served
 
 FACTORS, MOVED = (0.7, 1.3), 0.1  # of the mass; m
 KNOWN_KG, MINUTE_S = 1000.0, 60.0
@@ -73,9 +73,9 @@ def worked(machine: Machine, core: Core, loads: Sequence[float]) -> tuple[list[E
     names = [str(signal.name) for signal in core.service.machine.signals]
     values = made.values[:, [made.signals.index(name) for name in names]]
     estimates, booked = [], {}
-    for state in states(core, values):
-        estimates.append(state.estimate)
-        if (booking := state.estimate.booking) is not None:
+    for service in served(core, values):
+        estimates.append(service.estimate)
+        if (booking := service.estimate.booking) is not None:
             booked[booking.number] = booking
     return estimates, list(booked.values())
 

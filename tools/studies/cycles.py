@@ -22,14 +22,15 @@ from cylforce.estimation.residual import SMALLEST
 from cylforce.programs.common.readings import calibrated, model_of, recorded_segments
 from cylforce.programs.live.books import changed
 from cylforce.records.writing import SHORTEST_CYCLE_US
-from cylforce.service.state import NOTHING_KEPT, State
-from cylforce.service.step import Core
+from cylforce.service.core import Core
+from cylforce.service.memory import NOTHING_KEPT
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Array, Booking, Status, is_new
 from reference_machine.machine import Machine, draw
 from reference_machine.shift import COURSES, Job
 
-from ._quick import states
+from ._quick import served
 
 KNOWN_KG = 1000.0
 SHARES = {"plain": 0.4, "spill": 0.1, "tip_off": 0.1, "two_parts": 0.1, "double_dip": 0.1, "swing": 0.2}
@@ -97,11 +98,11 @@ def worked(core: Core, values: Array, restarts: list[int]) -> Shift:
     for end in (*restarts, len(values)):
         if end - begin > core.model.settle_steps:
             told = 0  # a start counts anew
-            for state in states(core, values[begin:end], begin + 1, kept):
-                told = _note(done, state, core, told)
-                now = state.memory
+            for service in served(core, values[begin:end], begin + 1, kept):
+                told = _note(done, service, core, told)
+                now = service.memory
                 if changed(kept, now) or is_new(now.booking, kept.booking):
-                    kept, kept_us = now, state.estimate.t_us
+                    kept, kept_us = now, service.estimate.t_us
         begin = end + away
         if begin * core.period_us - kept_us > SHORTEST_CYCLE_US:
             kept = kept.emptied()
@@ -109,16 +110,16 @@ def worked(core: Core, values: Array, restarts: list[int]) -> Shift:
     return done._replace(restarts=done.restarts[:-1])
 
 
-def _note(done: Shift, state: State, core: Core, told: int) -> int:
+def _note(done: Shift, service: WeighingService, core: Core, told: int) -> int:
     """Notes one instant; `told`: losses that this start had told before. How many it has told now."""
-    t, books = state.estimate.t_us * 1e-6, state.weighing.books
+    t, books = service.estimate.t_us * 1e-6, service.bookings
     booking = books.booking
     if booking is not None:
         same = bool(done.bookings) and done.bookings[-1].number == booking.number
         done.bookings[len(done.bookings) - same :] = [booking]
     if books.missed.number > told:
         done.told.append((t, books.missed.interrupted))
-    mass = state.estimate.load.mass
+    mass = service.estimate.load.mass
     error = 100.0 * mass.standard_error / core.service.machine.rated_payload
     known = f"{mass.reason.name} (+- {error:.1f} %)" if mass.status is Status.DEGRADED else mass.reason.name
     done.weights.append((t, known))

@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,11 +32,12 @@ from cylforce.can.python_can import Relay
 from cylforce.files.recording import as_frames
 from cylforce.files.tables import Table as Samples
 from cylforce.programs.common.readings import model_of
+from cylforce.service.core import Core
 from cylforce.service.publication import frames
-from cylforce.service.step import Core, step
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Array, Quantity, Reason, Status
-from cylforce.signals.events import Frame, Tick
+from cylforce.signals.events import Frame
 from reference_machine.machine import draw
 
 RATE, EVERY, SELDOM = 100, 50, 5  # steps a second; from one weight to the next; from one publication to the next
@@ -69,7 +71,7 @@ def service(
     """Steps as the service makes them, on samples (T, S); tells the steps' delays [s], and when a weight was sent."""
     loaded = load(machine)
     core, bus = Core(loaded.service, model_of(loaded).data_sheet), open_bus(bus_name)
-    state, ids = core.begin(), {pdo.number: pdo.can_id for pdo in core.service.publication}
+    weighing, ids = WeighingService.start(core), {pdo.number: pdo.can_id for pdo in core.service.publication}
     pdos = [pdo for node in core.service.nodes for pdo in node.pdos]
     whole = list(as_frames(Samples(np.arange(len(values)) / RATE, values, names), pdos))
     rows = [whole[k : k + len(pdos)] for k in range(0, len(whole), len(pdos))]
@@ -81,19 +83,17 @@ def service(
         time.sleep(max(0.0, due - time.monotonic()))
         t_us = now_us()
         for frame in rows[k % len(rows)]:
-            state, _ = step(core, state, Frame(t_us, frame.can_id, frame.data))
-        state, output = step(core, state, Tick(t_us))
+            weighing.on_frame(Frame(t_us, frame.can_id, frame.data))
+        estimate = weighing.on_tick(t_us)
         late.append(time.monotonic() - due)
         if k % SELDOM:
             continue
         for frame in rows[k % len(rows)]:
             bus.send(frame.can_id, frame.data)
-        estimate = output.estimate
-        assert estimate is not None
-        shown = OK._replace(value=FIRST_KG + k // EVERY)
+        shown = replace(OK, value=FIRST_KG + k // EVERY)
         if k % EVERY == 0:
             sent.append(time.monotonic())
-        for number, data in frames(core.service.publication, estimate._replace(gross=shown, net=shown)):
+        for number, data in frames(core.service.publication, replace(estimate, gross=shown, net=shown)):
             bus.send(ids[number], data)
     bus.close()
     out.send((late, sent))

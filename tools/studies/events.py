@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from cylforce.service.publication import MAGNITUDE
 from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Array
 from studies._contacts import Run, wanted
@@ -26,7 +25,7 @@ JUMP_ENDS_S = 0.4  # s after its beginning, when the jump is over
 def contact_delays(run: Run) -> list[float]:
     """Time [ms] from 1 % of the rated force to the event, for each contact; SEARCH_S where there was none. An event
     that came earlier, while the true force was smaller, counts as no delay."""
-    limit = NOTICED * run.core.limits[MAGNITUDE][1]
+    limit = NOTICED * run.core.monitor.rated_force
     begins = _beginnings(run.size > limit, run.t_s)
     touched = _beginnings(run.size > 1.0, run.t_s)
     times = run.times(EventKind.CONTACT_BEGINS)

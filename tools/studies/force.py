@@ -16,11 +16,12 @@ from rich.table import Table
 from cylforce.commissioning.identification import identify
 from cylforce.effects.loads.tip_force import tip_torque
 from cylforce.programs.common.readings import model_of
-from cylforce.service.step import Core, step
+from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Array, Estimate
-from cylforce.signals.events import Frame, Tick
+from cylforce.signals.events import Frame
 from cylforce.signals.kinds import Kind
 from studies._contacts import Run, resultant, wanted
 from studies.recognition import run as simulated
@@ -111,15 +112,15 @@ def with_force(core: Core, values: Array, force: Array) -> Array:
 def published_course(core: Core, values: Array, first_us: int, encode: Encode) -> list[Estimate]:
     """What is on the bus at each step after the samples were measured there: at a tick the service uses the samples of
     the tick before, and sends only at every publication."""
-    state, shown, period = core.begin(), [], round(1e6 / core.service.filters.rate_hz)
+    weighing, shown, period = WeighingService.start(core), [], round(1e6 / core.service.filters.rate_hz)
     every = max(1, round(core.service.publication[1].period_s * core.service.filters.rate_hz))
-    last = state.estimate
+    last = weighing.estimate
     for k, row in enumerate(values):
         for frame in encode(row, first_us + k * period):
-            state, _ = step(core, state, frame)
-        state, out = step(core, state, Tick(first_us + (k + 1) * period))
-        if out.estimate is not None and (k + 1) % every == 0:
-            last = out.estimate
+            weighing.on_frame(frame)
+        estimate = weighing.on_tick(first_us + (k + 1) * period)
+        if (k + 1) % every == 0:
+            last = estimate
         shown.append(last)
     return shown
 

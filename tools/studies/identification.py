@@ -20,7 +20,7 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import observe
 from cylforce.programs.common.readings import calibrated, model_of, recorded_segments
 from cylforce.programs.replay import replay_through
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
 from reference_machine.machine import Machine, draw

@@ -25,7 +25,7 @@ from cylforce.commissioning.identification import identify
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.programs.common.readings import recorded_segments
 from cylforce.programs.sim import run_sim
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import load
 from cylforce.signals.events import Event
 

@@ -25,7 +25,7 @@ from cylforce.estimation.observation import chunks
 from cylforce.estimation.recursive import forget, known, solution, update
 from cylforce.estimation.residual import residual
 from cylforce.programs.common.readings import model_of, recorded_segments
-from cylforce.service.adaptation import EVERY, MEMORY_SECONDS, Adapter
+from cylforce.service.adaptation import EVERY, MEMORY_SECONDS, DriftConstants, DriftFilter
 from cylforce.settings.machine_file import Loaded, load
 from reference_machine.machine import draw
 
@@ -52,13 +52,13 @@ def recorded(seed: int, friction: str, minutes: float) -> Data:
         parked = machine.run("parked", seed=1, duration_s=60.0 * minutes).write(name)
         loaded = load(Path(name) / "machine.toml")
         found = identify(model_of(loaded), recorded_segments(loaded, commission))
-        return rows_of(loaded, Adapter(found.model, found.tares), found.tares, parked)
+        return rows_of(loaded, DriftConstants(found.model, found.tares), found.tares, parked)
 
 
-def rows_of(loaded: Loaded, adapter: Adapter, tares: Tares, path: Path) -> Data:
+def rows_of(loaded: Loaded, constants: DriftConstants, tares: Tares, path: Path) -> Data:
     """What adaptation would be shown, every EVERY-th step."""
-    model, parts = adapter.model, []
-    spread = np.sqrt(np.diag(adapter.begin().covariance))
+    model, parts = constants.model, []
+    spread = np.sqrt(np.diag(DriftFilter.start(constants).covariance))
     for piece in chunks(model, recorded_segments(loaded, path)):
         rows = model.filtered.run(model.channels.run(piece).motion)
         for k in range(model.settle_steps, len(rows.torque), EVERY):
@@ -67,7 +67,7 @@ def rows_of(loaded: Loaded, adapter: Adapter, tares: Tares, path: Path) -> Data:
             scale = 1.0 / tares.row_error
             parts.append(
                 (
-                    adapter.columns(one) * spread * scale[:, None],
+                    one.columns[..., model.changing] * spread * scale[:, None],
                     left.torque * scale,
                     model.share_at_rest(one.columns) < CERTAIN_SHARE,
                 )

@@ -27,8 +27,8 @@ from cylforce.estimation.regressor import Rows
 from cylforce.estimation.residual import residual
 from cylforce.programs.common.play import prepare
 from cylforce.programs.common.readings import model_of, recorded_segments
-from cylforce.service.pipeline import unexplained
-from cylforce.service.recognition import BLOCKS, Recognizer
+from cylforce.service.recognition import BLOCKS, Recognizer, RecognizerConstants
+from cylforce.service.residual import residual_of_arrays
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
 from reference_machine.machine import draw
@@ -48,17 +48,18 @@ class Course(NamedTuple):
 def recognised(model: Model, tares: Tares, values: Array) -> Course:
     """Recognition along gapless samples (T, S), without adaptation."""
     moved = model.channels.run(values)
-    rows, recognizer = model.filtered.run(moved.motion), Recognizer(model, tares)
+    rows, recognizer = model.filtered.run(moved.motion), Recognizer.start(RecognizerConstants(model, tares))
     usable, nothing = np.logical_not(unusable(model, moved)), np.zeros(len(model.machine.rows))
-    state, another, largest = recognizer.begin(), [], 0.0
+    another, largest = [], 0.0
     for k in range(model.settle_steps, len(rows.torque)):
         instant = Rows(rows.columns[k], rows.torque[k])
-        before = state.blocks
-        left = unexplained(residual(model, tares, instant, nothing), rows.columns.shape[-1], 0)
-        state = recognizer.step(state, left._replace(rows=numbers(instant.columns.ravel())), numbers(usable[k]))
-        if state.blocks > max(before, BLOCKS - 1):
-            largest = max(largest, recognizer.misfit(state))
-        another.append(state.another)
+        before = recognizer.blocks
+        left = residual_of_arrays(residual(model, tares, instant, nothing), rows.columns.shape[-1], 0)
+        left.rows = numbers(instant.columns.ravel())
+        recognizer.update(left, numbers(usable[k]))
+        if recognizer.blocks > max(before, BLOCKS - 1):
+            largest = max(largest, recognizer.misfit)
+        another.append(recognizer.another)
     return Course(np.array(another, dtype=bool), largest)
 
 

@@ -29,7 +29,7 @@ from rich.table import Table
 from cylforce.estimation.kernel import bodies, choice, columns, making, restricted, rows
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.model import FRICTION, Model
-from cylforce.service.pipeline import Pipeline
+from cylforce.service.pipeline import Pipeline, PipelineConstants
 from cylforce.settings.machine_file import load
 from studies._rivals import c_updates, filterpy_update, numpy_update, padasip_update
 
@@ -119,13 +119,11 @@ class Fewer(Arrays):
 
 def pipeline(model: Model, first: Array, kernel: Any) -> Form:  # noqa: ANN401 - of either form
     """(c): as the service runs it."""
-    made = Pipeline(model, kernel=kernel)
-    state = made.begin(making.numbers(first))
+    filters = Pipeline.start(PipelineConstants(model, kernel=kernel))
+    filters.begin(making.numbers(first))
 
     def form(here: Array) -> Array:
-        nonlocal state
-        state, found = made.advance(state, making.numbers(here), 1)
-        return found.slow.columns
+        return np.asarray(filters.update(making.numbers(here)).slow.columns)
 
     return form
 
@@ -225,7 +223,7 @@ def timed(
 def needed(name: str) -> int:
     """Bytes on disk that a form needs where it runs."""
     if "Cython" in name:
-        return Path(str(choice.choice().kernel.__file__)).stat().st_size
+        return Path(str(vars(choice.choice().kernel)["__file__"])).stat().st_size
     packages = NEEDS.get("numba", ()) if "Numba" in name else ()
     found = [spec for package in packages if (spec := find_spec(package)) and spec.origin]
     return sum(f.stat().st_size for spec in found for f in Path(str(spec.origin)).parent.rglob("*") if f.is_file())

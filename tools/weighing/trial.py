@@ -8,7 +8,7 @@ from cylforce.commissioning.identification import identify
 from cylforce.estimation.model import Model, Tares
 from cylforce.programs.common.readings import calibrated, recorded_segments
 from cylforce.programs.replay import replay_through
-from cylforce.service.step import Core
+from cylforce.service.core import Core
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array, Booking
 

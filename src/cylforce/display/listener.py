@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from cylforce.canopen.bus_load import longest_frame
 from cylforce.mechanics.installation import Service
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
 from cylforce.service.commands import ZERO
 from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Sample
@@ -49,9 +49,7 @@ class Listener:
 
     def __init__(self, service: Service) -> None:
         self.service = service
-        self._assembler = Assembler(service)
-        self._inputs = self._assembler.begin()
-        self._still = self._assembler.still
+        self._inputs = assembler(service)
         self._ours = {pdo.can_id: pdo for pdo in service.publication}
         self._received: dict[int, ReceivedPdo] = {}
         self.nodes: dict[int, NodeState] = {}
@@ -66,8 +64,8 @@ class Listener:
         kind, node = frame.can_id & ~0x7F, frame.can_id & 0x7F
         if frame.can_id in self._ours:
             self._received[frame.can_id] = ReceivedPdo(frame.t_us, frame.data)
-        elif frame.can_id in self._assembler.decoders:
-            self._inputs = self._assembler.receive(self._inputs, (frame,), self._still)
+        elif frame.can_id in self._inputs.constants.decoders:
+            self._inputs.receive((frame,))
         elif frame.can_id == 0x580 + self.service.node_id and frame.data[:4] == ZEROED:
             self.zeroed_us = frame.t_us
         elif kind == 0x700 and len(frame.data) == 1:
@@ -105,8 +103,8 @@ class Listener:
 
     def sample(self, t_us: int) -> Sample:
         """Return all signals, with their ages and the reasons why they are not usable."""
-        return self._assembler.sample(self._inputs, t_us)
+        return self._inputs.sample(t_us)
 
     def ages(self, t_us: int) -> tuple[float, ...]:
         """Return the age [s] of each signal's last value; infinite where there was none."""
-        return self._assembler.ages(self._inputs, t_us)
+        return self._inputs.ages(t_us)

@@ -4,6 +4,7 @@ samples give the motion."""
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,6 @@ from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.mechanics.motion import Attitude, Motion, motion
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import INERTIAL, Kind
-from cylforce.signals.quick import once
 
 MIN_TRANSMISSION = 0.15  # sine of the angle between rocker and link below which the force is not used; chosen
 MIN_LEVER = 0.02  # m/rad, smallest lever with which a cylinder's force is used; chosen
@@ -40,7 +40,7 @@ class Channels:
     machine: Machine
     filters: Filters
 
-    @once
+    @cached_property
     def smooth(self) -> Filter:
         """Poles of the second-order low-pass on every channel; the mean of four samples in `between` adds its zeros."""
         return poles(second_order(self.filters.channel_hz, self.dt))
@@ -50,29 +50,29 @@ class Channels:
         """The fixed step [s]."""
         return 1.0 / self.filters.rate_hz
 
-    @once
+    @cached_property
     def forces(self) -> slice:
         """The slice of the cylinder forces among the channels."""
         return slice(self.machine.size, self.machine.size + len(self.machine.cylinders))
 
-    @once
+    @cached_property
     def _where(self) -> dict[tuple[Kind, int], int]:
         return {(s.kind, s.index): k for k, s in enumerate(self.machine.signals)}
 
-    @once
+    @cached_property
     def _by_length(self) -> dict[int, int]:
         """By joint: the cylinder whose measured length gives the joint's angle."""
         seen = [c for c in range(len(self.machine.cylinders)) if (Kind.CYLINDER_LENGTH, c) in self._where]
         return {self.machine.spans[c][0]: c for c in seen}
 
-    @once
+    @cached_property
     def by_length(self) -> tuple[tuple[int, int, int], ...]:
         """Each joint whose angle is read from the length of a cylinder, with that cylinder and the number of its
         signal."""
         read = [j for j, (encoder, inclined) in enumerate(self.turned) if encoder is None and inclined is None]
         return tuple((j, c := self._by_length[j], self._where[Kind.CYLINDER_LENGTH, c]) for j in read)
 
-    @once
+    @cached_property
     def inertial(self) -> bool:
         """Whether the base's acceleration is measured."""
         return all((kind, 0) in self._where for kind in INERTIAL)
@@ -92,25 +92,25 @@ class Channels:
             channels[..., k] = channel
         return channels
 
-    @once
+    @cached_property
     def house(self) -> tuple[int | None, int | None, int | None]:
         """Numbers of the signals of pitch, roll, and slew rate or angle."""
         at = self._where.get
         slew = at((Kind.SLEW_RATE, 0), at((Kind.SLEW_ANGLE, 0)))
         return at((Kind.PITCH, 0)), at((Kind.ROLL, 0)), slew
 
-    @once
+    @cached_property
     def base(self) -> tuple[int, ...]:
         """Numbers of the signals of the base's inertial sensor."""
         return tuple(self._where[kind, 0] for kind in INERTIAL) if self.inertial else ()
 
-    @once
+    @cached_property
     def turned(self) -> tuple[tuple[int | None, int | None], ...]:
         """For each joint the numbers of the signals of its encoder and of its link's inclinometer."""
         at, joints = self._where.get, range(self.machine.size)
         return tuple((at((Kind.JOINT_ANGLE, j)), at((Kind.LINK_INCLINATION, j))) for j in joints)
 
-    @once
+    @cached_property
     def pushed(self) -> tuple[tuple[int | None, int | None, int | None], ...]:
         """For each cylinder the numbers of the signals of its force pin, head and rod side."""
         kinds, cylinders = (Kind.FORCE_PIN, Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE), range(len(self.machine.cylinders))
@@ -136,7 +136,7 @@ class Channels:
             inner = inner + angle
         return theta
 
-    @once
+    @cached_property
     def unwraps(self) -> bool:
         """Whether an encoder's slew angle is among the channels."""
         return (Kind.SLEW_ANGLE, 0) in self._where
@@ -187,7 +187,7 @@ class Channels:
         specific = forwards + 1j * upwards - (1j * rate[..., self.forces.stop] - turns**2) * place + slew**2 * out
         return Attitude(pitch, roll, turns, slew, specific)
 
-    @once
+    @cached_property
     def stops(self) -> tuple[Array, Array]:
         """Shortest and longest length (C,) [m] at which a cylinder's force is believed."""
         margin = 0.005  # m from an end stop, which carries force that the pressures do not show; chosen

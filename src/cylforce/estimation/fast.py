@@ -7,10 +7,10 @@ frequency, passes slowly. What that costs is known: where the torque of inertia 
 compared: `tools/studies/force_ways.py`. The arithmetic of a step is the kernel's (`kernel/rows.py`)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from cylforce.estimation.filters import Filter, first_order, second_order
 from cylforce.mechanics.installation import Filters
-from cylforce.signals.quick import once
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class FastFilters:
         """The fixed step [s]."""
         return 1.0 / self.filters.rate_hz
 
-    @once
+    @cached_property
     def quick(self) -> Filter:
         """Low-pass of the forces."""
         return second_order(self.filters.force_hz, self.dt)
 
-    @once
+    @cached_property
     def slow(self) -> Filter:
         """Low-pass of the inertia."""
         return first_order(self.filters.inertia_hz, self.dt)

@@ -3,13 +3,12 @@
 Only recordings need scipy.signal. It is loaded when one is filtered: the service does without its 50 MB."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import pi, sqrt, tan
 
 import numpy as np
 
 from cylforce.signals.estimate import Array
-from cylforce.signals.quick import once
 
 STRETCH_S = 10.0  # s, length of the stretches over which `denoised` averages spectra; chosen
 NOISE_MARGIN = 1.0  # relative standard errors of the averaged spectrum by which a signal must exceed noise; chosen
@@ -23,7 +22,7 @@ class Filter:
     b: tuple[float, ...]
     a: tuple[float, ...]
 
-    @once
+    @cached_property
     def delay(self) -> float:
         """Delay of slow signals [samples]: the group delay at frequency zero."""
         late = [float(np.arange(len(c)) @ np.array(c)) / float(np.sum(c)) for c in (self.b, self.a)]
@@ -37,7 +36,7 @@ class Filter:
         """The state settled at the constant input x: with gain 1 the output is x from the first sample."""
         return np.asarray(self._settled.reshape(-1, *([1] * np.ndim(x))) * x)
 
-    @once
+    @cached_property
     def _settled(self) -> Array:
         """State (order,) that a step with the input 1 leaves as it is: z = A z + B, with A the companion matrix of a,
         transposed, and B = b - a b[0]."""
@@ -60,7 +59,7 @@ class Filter:
         new -= fed_back * y
         return new, y
 
-    @once
+    @cached_property
     def _later(self) -> list[tuple[Array, Array]]:
         """The coefficients b and a after the first ones, (order, 1, ...) by the number of axes of a sample."""
         shapes = [(-1, *[1] * axes) for axes in range(4)]

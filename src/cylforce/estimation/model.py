@@ -1,6 +1,7 @@
 """The model of the empty machine: its effects, the prior of their parameters from the data sheet, and the tares."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,6 @@ from cylforce.mechanics.installation import Filters
 from cylforce.mechanics.machine import Machine, base_parameter_covariance, base_parameters
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
-from cylforce.signals.quick import once
 
 # Friction laws that a model may contain; with them the delay of the angles, which looks like friction while empty, and
 # the weight of linkages' bars, which the links represent in the mean only.
@@ -118,7 +118,7 @@ class Model:
         """The model of which only the data sheet is known."""
         return replace(self, usual=()) if self.usual else self
 
-    @once
+    @cached_property
     def empty(self) -> Regressor:
         """Regressor of the empty machine: gravity, inertia, centrifugal terms where slewing is measured, friction."""
         rounding = self.filters.direction_speed
@@ -134,38 +134,38 @@ class Model:
         friction = [e for name in self.friction for e in others.get(name) or (Friction(name, laws[name]),)]
         return Regressor(self.machine, (Rigid(), *turning, *friction))
 
-    @once
+    @cached_property
     def _slews(self) -> bool:
         return any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)
 
-    @once
+    @cached_property
     def filtered(self) -> FilteredRegressor:
         """The filtered regressor with all columns."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
-    @once
+    @cached_property
     def fast(self) -> FastFilters:
         """Filters of the same columns at this instant, for the force at the tool."""
         return FastFilters(self.filters)
 
-    @once
+    @cached_property
     def channels(self) -> Channels:
         """The conversion of signals to motion."""
         return Channels(self.machine, self.filters)
 
-    @once
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The P parameters of the empty machine."""
         return self.empty.parameters
 
-    @once
+    @cached_property
     def tool(self) -> slice:
         """The columns of the tool's force and moment."""
         return slice(len(self.parameters), len(self.parameters) + 3)
 
-    @once
+    @cached_property
     def at_rest(self) -> slice:
         """The columns of the unknown friction at rest."""
         first = len(self.parameters) + 3
@@ -178,12 +178,12 @@ class Model:
         lever = np.abs(columns[..., self.coulomb]).sum(axis=-1)
         return np.asarray(unknown / np.maximum(lever + unknown, 1e-12))
 
-    @once
+    @cached_property
     def zero(self) -> slice:
         """The columns of the pressures' zero errors."""
         return slice(len(self.parameters) + 3 + len(self.machine.cylinders), None)
 
-    @once
+    @cached_property
     def scale_error(self) -> float:
         """Relative standard error of the torque computed from pressures, from the data sheet: piston areas, and the
         lever with its two pins in mid-range, at the innermost measured joint. A recording of the empty machine
@@ -198,23 +198,23 @@ class Model:
         pins = max(c.pin_error * np.sqrt(2.0) / lever[k] for c, k in zip(cylinders, own, strict=True))
         return float(np.hypot(areas, pins))
 
-    @once
+    @cached_property
     def changing_friction(self) -> list[int]:
         """Numbers of the columns whose friction changes with temperature and wear: Coulomb and viscous."""
         return [k for k, p in enumerate(self.parameters) if p.name.endswith((".coulomb", ".viscous"))]
 
-    @once
+    @cached_property
     def changing(self) -> NDArray[np.intp]:
         """Numbers (D,) of the columns of what changes in service: that friction, then the pressures' zero errors."""
         first = self.zero.start
         return np.array([*self.changing_friction, *range(first, first + len(self.machine.cylinders))])
 
-    @once
+    @cached_property
     def coulomb(self) -> list[int]:
         """The columns of the Coulomb friction."""
         return [k for k, p in enumerate(self.parameters) if p.name.endswith(".coulomb")]
 
-    @once
+    @cached_property
     def load(self) -> Array:
         """(P, 4): what a load's (m, m x, m z, J about the last pin) adds to the parameters
         (mechanics/README.md, section 9)."""
@@ -228,20 +228,20 @@ class Model:
             table[place[f"{last}.{symbol}"], column] = 1.0
         return table
 
-    @once
+    @cached_property
     def acting(self) -> tuple[tuple[int, ...], ...]:
         """For each measured torque the numbers of the cylinders that act on its joint."""
         spans = self.machine.spans
         return tuple(tuple(c for c, span in enumerate(spans) if j in span) for j in self.machine.rows)
 
-    @once
+    @cached_property
     def settle_steps(self) -> int:
         """Settling time of the filters in steps: 7/w of the lowest cut-off w, a first-order filter's 5/w with a reserve
         for the filters of second order."""
         slowest = min(self.filters.regressor_hz, self.filters.smoothing_hz, self.filters.channel_hz)
         return int(np.ceil(7.0 / (2 * np.pi * slowest) * self.filters.rate_hz))
 
-    @once
+    @cached_property
     def prior(self) -> Prior:
         """Prior of the P parameters: the data sheet with its tolerances; of friction only the order of magnitude."""
         n = 3 * self.machine.size
@@ -284,7 +284,7 @@ class Model:
                 guesses.append((f"{c.name}.{law}", TYPICAL.get(law, 0.0), spread))
         return guesses
 
-    @once
+    @cached_property
     def data_sheet(self) -> Tares:
         """Tares of a machine that was not identified: the prior, with row errors of 2 % of the weight's torque."""
         scale = np.array([0.02 * 9.8 * abs(np.sum(np.abs(self.prior.mean[1::3][: self.machine.size])))])

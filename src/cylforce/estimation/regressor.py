@@ -3,6 +3,7 @@ acceleration is needed (mechanics/README.md, section 5)."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,6 @@ from cylforce.estimation.filters import Filter, first_order, poles, second_order
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion, joint_torque
 from cylforce.signals.estimate import Array
-from cylforce.signals.quick import once
 
 
 @dataclass(frozen=True)
@@ -23,28 +23,28 @@ class Regressor:
     machine: Machine
     effects: tuple[Effect, ...]
 
-    @once
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The P parameters of all effects, each once, in the order of first appearance."""
         return tuple(dict.fromkeys(p for e in self.effects for p in e.parameters(self.machine)))
 
-    @once
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """The parameters' names."""
         return tuple(p.name for p in self.parameters)
 
-    @once
+    @cached_property
     def _places(self) -> tuple[Array | slice, ...]:
         places = {p: k for k, p in enumerate(self.parameters)}
         return tuple(_compact([places[p] for p in e.parameters(self.machine)]) for e in self.effects)
 
-    @once
+    @cached_property
     def _shared(self) -> tuple[bool, ...]:
         """For each effect whether it has a parameter in common with an earlier effect."""
         named = [set(e.parameters(self.machine)) for e in self.effects]
         return tuple(bool(own & set().union(*named[:k])) for k, own in enumerate(named))
 
-    @once
+    @cached_property
     def _rows(self) -> tuple[int, ...] | slice:
         rows = self.machine.rows
         return slice(None) if rows == tuple(range(self.machine.size)) else rows
@@ -113,13 +113,13 @@ class FilteredRegressor:
     regressor_hz: float
     smoothing_hz: float
 
-    @once
+    @cached_property
     def mean(self) -> Filter:
         """The filter of static columns and torque."""
         low = poles(first_order(self.regressor_hz, self.dt), second_order(self.smoothing_hz, self.dt))
         return Filter(tuple(low.b[0] * share / 8.0 for share in (1.0, 3.0, 3.0, 1.0)), low.a)
 
-    @once
+    @cached_property
     def slope(self) -> Filter:
         """The filter of momentum."""
         gain = 8.0 * self.mean.b[0] / (3.0 * self.dt)
@@ -140,7 +140,7 @@ class FilteredRegressor:
         of four samples contains only a part of a step since then: 0, 1/3 and 2/3 of it for the first three outputs."""
         return np.stack([share * static for share in self.shares])
 
-    @once
+    @cached_property
     def shares(self) -> tuple[float, ...]:
         """The state of `mean` before a first input of 1."""
         b = self.mean.b

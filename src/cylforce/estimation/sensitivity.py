@@ -2,6 +2,7 @@
 variants, of which only that is computed in which they differ. All filters are linear: they see differences alone."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.machine import Geometry, Link, Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
-from cylforce.signals.quick import once
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Sensitivity:
     def _nothing(self) -> Array:
         return np.zeros((len(self.thinned) - 1, len(self.model.machine.rows)))
 
-    @once
+    @cached_property
     def thinned(self) -> Array:
         """Samples (T', S)."""
         return self._thinned(self.values)
@@ -59,11 +59,11 @@ class Sensitivity:
         found[:, other] = self._thinned(values[:, other])
         return self.model.channels.course(found)
 
-    @once
+    @cached_property
     def _plain(self) -> Array:
         return self.model.channels.course(self.thinned)
 
-    @once
+    @cached_property
     def _means(self) -> tuple[Array, Array]:
         """Channels in the middle of four samples, and their rates."""
         return self._between(self._plain)
@@ -72,11 +72,11 @@ class Sensitivity:
         four = fours(self.model.channels.smoothed(channels))
         return mean(four), slope(four, self.model.channels.dt)
 
-    @once
+    @cached_property
     def _geometry(self) -> Geometry:
         return self.model.machine.geometry(self._means[0][:, : self.model.machine.size])
 
-    @once
+    @cached_property
     def motion(self) -> Motion:
         """The recording's own."""
         return self.model.channels.moved(*self._means, self._geometry).motion
@@ -110,7 +110,7 @@ class Sensitivity:
         momentum, static = whole.products(moving, self.tares, alike)
         return -momentum, whole.torque(moving) - static
 
-    @once
+    @cached_property
     def _filter(self) -> FilteredRegressor:
         f = self.model.filters
         return FilteredRegressor(self.model.empty, 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)

@@ -149,8 +149,7 @@ def is_newer_frame(text: str) -> bool:
 
 def own_events(lines: Iterable[Parts]) -> Iterator[Event | Sent]:
     """Yield the events and sent frames that the lines of our own log represent, without its header."""
-    for line in lines:
-        channel, t_us, can_id, data = line
+    for channel, t_us, can_id, data in lines:
         if channel == TICK:
             yield Tick(t_us)
         elif channel != HEAD:

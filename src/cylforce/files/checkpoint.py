@@ -1,4 +1,4 @@
-"""A program's state as JSON and back, without loss: tuples, numbers, enumerations, arrays, bytes.
+"""A program's state as JSON and back, without loss: dataclasses, tuples, numbers, enumerations, arrays, bytes.
 
 A log that continues an earlier one begins with the state of the service at that moment. A replay of it alone then gives
 the same bytes as the service gave.
@@ -6,8 +6,10 @@ the same bytes as the service gave.
 
 from array import array
 from base64 import b64decode, b64encode
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from math import isfinite
-from typing import Literal, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,17 +39,16 @@ class PackedArray(BaseModel):
 
 
 def packed(value: object) -> JsonValue:
-    """Return a state as JSON: (named) tuples as lists, arrays as their bytes, NaN and infinities as words."""
-    if isinstance(value, np.ndarray):
-        return _packed_array(value).model_dump(mode="json")
-    if isinstance(value, array):
-        whole = _packed_array(np.frombuffer(value, value.typecode))
-        return whole.model_copy(update={"plain": True}).model_dump(mode="json")
-    if isinstance(value, bytes):
-        data = b64encode(value).decode("ascii")
-        return PackedArray(dtype=BYTES, shape=(len(value),), by_columns=False, data=data).model_dump(mode="json")
-    if isinstance(value, tuple):
+    """Return a state as JSON: dataclasses and dictionaries as objects, (named) tuples and lists as lists, arrays as
+    their bytes, NaN and infinities as words."""
+    if isinstance(value, np.ndarray | array | bytes):
+        return _packed_elements(value).model_dump(mode="json")
+    if isinstance(value, tuple | list):
         return [packed(part) for part in value]
+    if isinstance(value, Mapping):
+        return {str(name): packed(part) for name, part in value.items()}
+    if is_dataclass(value):
+        return {field.name: packed(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, float):
         return float(value) if isfinite(value) else str(float(value))
     return cast(JsonValue, value)
@@ -59,7 +60,30 @@ def unpacked(kind: type[T], value: JsonValue) -> T:
     kind: type of the state
     value: JSON as from `packed`
     """
-    return TypeAdapter(kind, config=ConfigDict(arbitrary_types_allowed=True)).validate_python(_with_arrays(value))
+    config = ConfigDict(arbitrary_types_allowed=True)
+    # in a tuple, because pydantic takes no configuration for a dataclass itself
+    (found,) = TypeAdapter(tuple[kind], config=config).validate_python((_with_arrays(value),))  # type: ignore[valid-type]
+    return cast(T, found)
+
+
+def unpacked_state(kinds: Mapping[str, Any], value: JsonValue) -> dict[str, Any]:
+    """Return the state from its JSON, by the types of its parts: a type, or a dictionary of such types by name.
+    Raises ValueError when the JSON is not of these types."""
+    if not isinstance(value, dict) or value.keys() != kinds.keys():
+        raise ValueError("the state has other parts than this version's")
+    return {
+        name: unpacked_state(kind, value[name]) if isinstance(kind, dict) else unpacked(kind, value[name])
+        for name, kind in kinds.items()
+    }
+
+
+def _packed_elements(value: "NDArray[np.generic] | array[float] | bytes") -> PackedArray:
+    if isinstance(value, bytes):
+        data = b64encode(value).decode("ascii")
+        return PackedArray(dtype=BYTES, shape=(len(value),), by_columns=False, data=data)
+    if isinstance(value, array):
+        return _packed_array(np.frombuffer(value, value.typecode)).model_copy(update={"plain": True})
+    return _packed_array(value)
 
 
 def _packed_array(values: NDArray[np.generic]) -> PackedArray:
@@ -73,7 +97,11 @@ def _with_arrays(value: JsonValue) -> object:
     """Return the state with its arrays unpacked, everything else as it is."""
     if isinstance(value, list):
         return [_with_arrays(part) for part in value]
-    return _array(PackedArray.model_validate(value)) if isinstance(value, dict) else value
+    if not isinstance(value, dict):
+        return value
+    if "dtype" in value:
+        return _array(PackedArray.model_validate(value))
+    return {name: _with_arrays(part) for name, part in value.items()}
 
 
 def _array(whole: PackedArray) -> "NDArray[np.generic] | array[float] | bytes":

@@ -29,8 +29,8 @@ from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.picture import Screen, known, picture, summary
 from cylforce.programs.live.station import serve
 from cylforce.programs.run import Daemon, status_line
-from cylforce.service.state import NOTHING_KEPT
-from cylforce.service.step import Core
+from cylforce.service.core import Core
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.identified import read_identified, write_identified
 from cylforce.settings.machine_file import Loaded
 
@@ -219,7 +219,7 @@ async def _lifted(daemon: Daemon, known_kg: float, console: Console) -> bool:
     with Screen(console) as screen:
 
         def look() -> None:
-            estimate = daemon.state.estimate
+            estimate = daemon.weighing.estimate
             head, say = status_line(estimate, daemon.counts, daemon.bus), _lift_advice(daemon, known_kg)
             screen.show(Text(f"{head}\n\n> {say}", style="bold"), "lift", say)
             if estimate.booking is not None:
@@ -228,14 +228,14 @@ async def _lifted(daemon: Daemon, known_kg: float, console: Console) -> bool:
         await serve(daemon, until, look, LOOK_S)
     if daemon.log is not None and daemon.log.failure:
         raise RecordingError(daemon.log.failure)
-    return daemon.state.estimate.booking is not None
+    return daemon.weighing.estimate.booking is not None
 
 
 def _lift_advice(daemon: Daemon, known_kg: float) -> str:
-    if daemon.state.pipe is None:
-        return f"nothing can be measured: {daemon.state.estimate.gross.reason.name.lower().replace('_', ' ')}"
-    if daemon.state.estimate.booking is not None:
+    if daemon.weighing.pipeline.state is None:
+        return f"nothing can be measured: {daemon.weighing.estimate.gross.reason.name.lower().replace('_', ' ')}"
+    if daemon.weighing.estimate.booking is not None:
         return "booked: the machine may rest"
-    if daemon.state.weighing.books.candidate is None:
+    if daemon.weighing.bookings.candidate is None:
         return f"lift {known_kg:g} kg clear of the ground and move it up and down for some seconds"
     return "set it down, and lift the empty tool clear of the ground"

@@ -33,7 +33,7 @@ from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.live.station import Counts, serve
 from cylforce.programs.run import Daemon, show_status, why_missed
 from cylforce.service.booking import Missed
-from cylforce.service.state import NOTHING_KEPT
+from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate
 
@@ -158,7 +158,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
         if booking is not None and booking.number > len(watched.bookings):
             watched.bookings.append(booking)
             console.print(f"   booked {booking.mass:7.1f} kg +- {booking.standard_error:.1f} kg")
-        missed = daemon.state.weighing.books.missed
+        missed = daemon.weighing.bookings.missed
         if missed.number > len(watched.missed):
             watched.missed.append(missed)
             console.print(f"   not booked {missed.mass:7.1f} kg: {why_missed(missed)}")
@@ -174,7 +174,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
         await digging
     if stopped:
         raise KeyboardInterrupt
-    waiting = daemon.state.weighing.books.candidate
+    waiting = daemon.weighing.bookings.candidate
     if waiting is not None:
         console.print(f"   not booked {waiting.mass:7.1f} kg: {NOT_SEEN_EMPTY_YET}")
     return watched._replace(counts=daemon.counts)

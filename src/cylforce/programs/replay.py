@@ -19,12 +19,12 @@ from cylforce.files.logreader import log_header, mismatches, with_ticks
 from cylforce.files.recording import Events, open_pieces, sensor_frames
 from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.records.export import iso
+from cylforce.service.core import Core
 from cylforce.service.publication import FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY, published
-from cylforce.service.state import NOTHING, State
-from cylforce.service.step import Core, step
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Reason, Status
-from cylforce.signals.events import Event
+from cylforce.signals.events import Event, Frame
 
 OK, INVALID = Status.OK, Status.INVALID
 QUALITIES = (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values())
@@ -36,33 +36,29 @@ Take = Callable[[Estimate], None]
 class Played(NamedTuple):
     """Result of a replay.
 
-    bookings:  the bookings
+    bookings:  the bookings, each in its last state
     compared:  number of sent frames that were compared
     different: number of sent frames that differed
-    state:     state at the end
+    service:   the service in its state at the end
     """
 
     bookings: list[Booking]
     compared: int
     different: int
-    state: State
+    service: WeighingService
 
 
 class Replayed(NamedTuple):
-    """Result of a replay with all estimates.
+    """Result of a replay (see `Played`) with all estimates.
 
     estimates: one per tick; an hour of them takes 600 MB
-    bookings:  the bookings
-    compared:  number of sent frames that were compared
-    different: number of sent frames that differed
-    state:     state at the end
     """
 
     estimates: list[Estimate]
     bookings: list[Booking]
     compared: int
     different: int
-    state: State
+    service: WeighingService
 
 
 def run_replay(
@@ -109,33 +105,35 @@ def stream_through(
     source = open_pieces(recording, loaded.service, loaded.columns, report=tell)
     if isinstance(source, Events):
         header = source.header
-        state = core.begin() if header is None or now is None else beginning(core, header, now, recording, tell)
-        return replay(core, source.events, state, take)
+        if header is None or now is None:
+            return replay(WeighingService.start(core), source.events, take)
+        return replay(beginning(core, header, now, recording, tell), source.events, take)
     frames = sensor_frames(source, loaded.service)
-    return replay(core, with_ticks(frames, core.period_us, tell), core.begin(), take)
+    return replay(WeighingService.start(core), with_ticks(frames, core.period_us, tell), take)
 
 
-def replay(core: Core, events: Iterable[Event | Sent], state: State, take: Take) -> Played:
-    """Apply `step` to events, beginning at `state`; frames that the daemon sent are compared bit by bit."""
+def replay(service: WeighingService, events: Iterable[Event | Sent], take: Take) -> Played:
+    """Pass events to a service; frames that the daemon sent are compared bit by bit with the last tick's."""
     bookings: list[Booking] = []
-    last = NOTHING
+    last: Estimate | None = None
     compared = different = 0
-    ours = {pdo.can_id: pdo.number for pdo in core.service.publication}
+    ours = {pdo.can_id: pdo.number for pdo in service.core.service.publication}
+    encoders = service.core.encoders
     for event in events:
         if isinstance(event, Sent):
             if event.can_id in ours:
                 compared += 1
-                different += last.data(ours[event.can_id]) != event.data
-            continue
-        state, out = step(core, state, event)
-        if out.estimate is not None:
-            last = out
-            take(out.estimate)
-            booking = out.estimate.booking
+                different += last is None or encoders.data(last, ours[event.can_id]) != event.data
+        elif isinstance(event, Frame):
+            service.on_frame(event)
+        else:
+            last = service.on_tick(event.t_us)
+            take(last)
+            booking = last.booking
             if booking is not None and not (bookings and booking is bookings[-1]):
                 same = bool(bookings) and bookings[-1].number == booking.number
                 bookings[len(bookings) - same :] = [booking]
-    return Played(bookings, compared, different, state)
+    return Played(bookings, compared, different, service)
 
 
 def write_estimates(path: Path, estimates: Iterable[Estimate]) -> None:
@@ -208,12 +206,12 @@ class Totals:
 
     def weigh(self, weight: Quantity) -> None:
         """Count one more weight [kg]."""
-        value, error, status, reason = weight
-        if status is INVALID:
-            self._reasons[reason] += 1
+        error = weight.standard_error
+        if weight.status is INVALID:
+            self._reasons[weight.reason] += 1
             return
         self._known = min(self._known, error)
-        if error < self._load and value >= max(SMALLEST * self._rated, 3.0 * error):
+        if error < self._load and weight.value >= max(SMALLEST * self._rated, 3.0 * error):
             self._load = error
 
     def unbooked(self) -> str:

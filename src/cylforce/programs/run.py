@@ -1,5 +1,5 @@
 """`cylforce run`: the service as a daemon, with one event loop, one clock and one bus. All results come from
-`service.step.step`."""
+`service.service.WeighingService`."""
 
 import asyncio
 import signal
@@ -31,9 +31,10 @@ from cylforce.programs.live.reloading import Parameters, Reloading
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
 from cylforce.service.booking import Missed
+from cylforce.service.core import Core
+from cylforce.service.memory import Memory
 from cylforce.service.publication import frames
-from cylforce.service.state import Memory, State
-from cylforce.service.step import Core, step
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Booking, Estimate, Quantity, Reason, Status, no_estimate
 from cylforce.signals.events import Frame
@@ -64,7 +65,7 @@ class LastLogged(NamedTuple):
     other_tool: bool = False
 
 
-class Daemon(Station[State]):
+class Daemon(Station):
     """The service on a bus. `on_estimate` is called with every estimate after it was sent."""
 
     def __init__(
@@ -78,7 +79,8 @@ class Daemon(Station[State]):
         code: int | None = None,
         identified: Path | None = None,
     ) -> None:
-        super().__init__(core.service, partial(step, core), core.begin(kept), bus, log, code)
+        self.weighing = WeighingService.start(core, kept)
+        super().__init__(core.service, self.weighing, bus, log, code)
         self.core = core
         self.on_estimate: OnEstimate = _ignore
         self._j1939 = _j1939_of(core.service, bus)
@@ -100,13 +102,14 @@ class Daemon(Station[State]):
 
     def _take(self, new: Parameters) -> None:
         """Use other parameters from the next event on; the log continues in a new file, which begins with them."""
-        self.core, self._step = new.core, partial(step, new.core)
-        self.state = new.core.continued(self.state, None if new.seal == self._sealed else new.elsewhere)
+        self.core = new.core
+        self.weighing = self.weighing.with_core(new.core, None if new.seal == self._sealed else new.elsewhere)
+        self.handler = self.weighing
         self._sealed = new.seal
         self._show_identity()
         if self.log is not None:
             self.log.header = self.log.header.model_copy(update={"identified_sha256": new.sha256})
-            self.log.begin_file(partial(continued, self.log.header, self.state), now_us())
+            self._turn_log(self.log, now_us())
         for sentence in new.warnings:
             self._tell.warning("parameters", why=sentence)
         self._tell.info("reloaded", parameters=new.seal)
@@ -115,7 +118,7 @@ class Daemon(Station[State]):
     def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
         """End the steps after an error in one: publish invalid values, and send an emergency."""
         super().give_up(loop)
-        nothing = no_estimate(self.state.estimate.t_us, Reason.STARTING, self.state.estimate.booking)
+        nothing = no_estimate(self.weighing.estimate.t_us, Reason.STARTING, self.weighing.estimate.booking)
         for number, data in frames(self.core.service.publication, nothing):
             self.node.publish(number, data)
 
@@ -135,27 +138,31 @@ class Daemon(Station[State]):
         It begins with the service's present memory.
         """
         if self.log is not None and self.log.needs_new_file:
-            self.log.begin_file(partial(continued, self.log.header, self.state), t_us)
+            self._turn_log(self.log, t_us)
+
+    def _turn_log(self, log: LogWriter, t_us: int) -> None:
+        """Go on in another file, which begins with the present state; it is encoded beside the loop."""
+        log.begin_file(partial(continued, log.header, self.weighing.memory, self.weighing.snapshot()), t_us)
 
     def after_sync(self) -> None:
         """Publish the adaptation's state, log changes."""
-        self._say_collisions(self.state.estimate.t_us)
+        self._say_collisions(self.weighing.estimate.t_us)
         if 1 in self.due:
             self._show_drift()
             self._show_unexplained()
             if self._j1939 is not None:
-                self._j1939.publish(self.state.estimate)
+                self._j1939.publish(self.weighing.estimate)
         if self._j1939 is not None and self.counts.steps % self._second == 0:
-            self._j1939.publish_totals(self.state.estimate.t_us, self.state.truck.total, self._books.lifetime)
-        self._books.look(self.state)
-        self._doubts.look(self.state.watch.suspicion)
-        self._say_changes(self.state.estimate)
-        self.on_estimate(self.state.estimate)
+            self._j1939.publish_totals(self.weighing.estimate.t_us, self.weighing.truck.total, self._books.lifetime)
+        self._books.look(self.weighing)
+        self._doubts.look(self.weighing.monitor.suspicion)
+        self._say_changes(self.weighing.estimate)
+        self.on_estimate(self.weighing.estimate)
 
     def _say_collisions(self, t_us: int) -> None:
         """Send an emergency while another node uses a sensor's identifiers, or ours."""
-        inputs = self.state.inputs
-        for pdo in self.core.assembler.supervisor.doubled(inputs, t_us):
+        inputs = self.weighing.inputs
+        for pdo in inputs.doubled(t_us):
             self.edge.health.doubled(pdo.node_id, t_us)
         if inputs.spoofed(t_us):
             self.edge.health.doubled(self.core.service.node_id, t_us)
@@ -163,39 +170,39 @@ class Daemon(Station[State]):
     def _show_drift(self) -> None:
         """Show the adaptation's state in the object dictionary."""
         if self.core.adapts:
-            drift = self.state.drift
+            drift = self.weighing.drift
             self.node.set_value(ADAPTATION, 1, round(10.0 * drift.mass))
             self.node.set_value(ADAPTATION, 2, FOLLOWING if drift.following else FROZEN)
 
     def _show_unexplained(self) -> None:
         """Show the residual torque of the empty machine in the object dictionary."""
-        shown = [round(torque) for torque in self.state.unexplained[:JOINTS]]
+        shown = [round(torque) for torque in self.weighing.unexplained[:JOINTS]]
         for k, torque in enumerate(shown + [not_available("i")] * (JOINTS - len(shown)), 1):
             self.node.set_value(UNEXPLAINED, k, torque)
 
     def _say_changes(self, estimate: Estimate) -> None:
         """Log one line when the measurement is lost or back, and one for every booking."""
-        lost = self.state.pipe is None
+        lost = self.weighing.pipeline.state is None
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
-        missed = self.state.weighing.books.missed.number
-        off = self.state.weighing.tool.off
+        missed = self.weighing.bookings.missed.number
+        off = self.weighing.tool_check.off
         now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked, missed, off is not None)
         if now[:2] != self._logged[:2]:
             self._say_measurement(reason)
         if estimate.booking is not None and now.booked != self._logged.booked:
             self._say_booking(estimate.booking)
         if now.missed != self._logged.missed:
-            self._say_missed(self.state.weighing.books.missed)
+            self._say_missed(self.weighing.bookings.missed)
         if now.other_tool != self._logged.other_tool:
             self._say_tool(off)
         self._logged = now
 
     def _say_tool(self, off: float | None) -> None:
         if off is None:
-            self._tell.info("the empty tool is at zero again", attachment=self.state.tool)
+            self._tell.info("the empty tool is at zero again", attachment=self.weighing.tool)
         else:
-            self._tell.warning("nothing is booked", attachment=self.state.tool, off_kg=round(off, 1), why=OTHER_TOOL)
+            self._tell.warning("nothing is booked", attachment=self.weighing.tool, off_kg=round(off, 1), why=OTHER_TOOL)
 
     def _say_measurement(self, reason: Reason) -> None:
         if reason is Reason.NONE:
@@ -203,14 +210,14 @@ class Daemon(Station[State]):
             self.node.emergencies.repair(MISSING)
             return
         signals = self.core.service.machine.signals
-        sample = self.core.assembler.sample(self.state.inputs, self.state.estimate.t_us)
+        sample = self.weighing.inputs.sample(self.weighing.estimate.t_us)
         bad = {s.name: r.name for s, r in zip(signals, sample.reasons, strict=True) if r is not Reason.NONE}
         self._tell.warning("not measuring", reason=reason.name, signals=bad)
         self.node.emergencies.occur(MISSING)
 
     def _say_booking(self, booking: Booking) -> None:
         kg = {"mass_kg": round(booking.mass, 1), "standard_error_kg": round(booking.standard_error, 1)}
-        drift = {"drift_kg": round(self.state.drift.mass, 1)} if self.core.adapts else {}
+        drift = {"drift_kg": round(self.weighing.drift.mass, 1)} if self.core.adapts else {}
         self._tell.info("booked", number=booking.number, **kg, **drift)
 
     def _say_missed(self, missed: Missed) -> None:
@@ -253,7 +260,7 @@ def _text(q: Quantity, unit: str, scale: float) -> str:
 def show_status(daemon: Daemon) -> None:
     """Print the status line, where there is a terminal."""
     if sys.stdout.isatty():
-        line = status_line(daemon.state.estimate, daemon.counts, daemon.bus)
+        line = status_line(daemon.weighing.estimate, daemon.counts, daemon.bus)
         sys.stdout.write(f"\r\x1b[K{line}")
         sys.stdout.flush()
 

@@ -13,7 +13,7 @@ from cylforce.records.audit import Audit, last_number
 from cylforce.records.queries import cumulated
 from cylforce.records.schema import open_writing
 from cylforce.records.writing import Change, Start, begin, end, write, write_audit
-from cylforce.service.state import NOTHING_KEPT, Memory
+from cylforce.service.memory import NOTHING_KEPT, Memory
 
 BACKLOG = 1000  # changes, those of hours of work: a disk that stalls for longer has failed; chosen
 CLOSE_S = 5.0  # s for which closing waits for the disk; chosen

@@ -7,9 +7,10 @@ from typing import NamedTuple
 from cylforce.files.checkpoint import packed, unpacked
 from cylforce.records.audit import Audit, append, append_if_changed
 from cylforce.service.booking import Weighed
+from cylforce.service.commands import Scale
 from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import KEPT, Bucket, Truck
-from cylforce.service.state import Memory, Scale
+from cylforce.service.memory import Memory
 from cylforce.signals.estimate import Booking
 
 OPERATOR = "operator"  # in the audit trail: commands over SDO that need no code
@@ -96,7 +97,10 @@ def restore(connection: sqlite3.Connection, t_us: int) -> Memory:
     if row is None:
         return Memory(booking=booking)
     zero, tare, number, target, product, tool, weighed, since_us, part, first, trailer = row
-    hanging = unpacked(Weighed, json.loads(weighed)) if weighed else None
+    found = json.loads(weighed) if weighed else None
+    # earlier versions wrote a list that begins with the mass: such a load is reported as not booked
+    hanging = unpacked(Weighed, found) if isinstance(found, dict) else None
+    lost = float(found[0]) if isinstance(found, list) else 0.0
     sums = (
         "SELECT coalesce(sum(mass), 0.0), count(*), coalesce(sum(mass) FILTER (WHERE part = ?), 0.0) FROM bookings "
         "WHERE truck = ? AND accepted"
@@ -120,7 +124,8 @@ def restore(connection: sqlite3.Connection, t_us: int) -> Memory:
         first=first,
         trailer=trailer,
     )
-    memory = Memory(scale=Scale(zero=zero, tare=tare), truck=truck, booking=booking, tool=tool, hanging=hanging)
+    scale = Scale(zero=zero, tare=tare)
+    memory = Memory(scale=scale, truck=truck, booking=booking, tool=tool, hanging=hanging, lost=lost)
     return memory if 0 <= t_us - since_us <= SHORTEST_CYCLE_US else memory.emptied()
 
 

@@ -2,28 +2,30 @@
 
 from array import array
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from math import inf, nan
 from struct import Struct
-from typing import Any, NamedTuple
+from typing import Any, Self
 
 import numpy as np
 
 from cylforce.estimation.kernel import choice
-from cylforce.estimation.kernel.inputs import NEVER, SIGNAL
+from cylforce.estimation.kernel.inputs import NEVER, KernelInputs
+from cylforce.estimation.kernel.layout import InputLayout, SampleLayout
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.installation import LATE_PERIODS, Service
 from cylforce.mechanics.unwrapping import Unwrapping
-from cylforce.service.senders.inputs import QUIET_US, REASONS, Channel, Inputs, LastHeartbeat, PdoRate
+from cylforce.service.senders.channels import QUIET_US, REASONS, Channel, FrameCounters, LastHeartbeat, PdoRate
 from cylforce.service.senders.supervision import Supervisor
-from cylforce.signals.codec import Decoder, decoders
+from cylforce.service.snapshot import Constants, Estimator
+from cylforce.signals.codec import decoders
 from cylforce.signals.estimate import Reason, Sample
 from cylforce.signals.events import Frame
 from cylforce.signals.kinds import ANGLES, Kind
-from cylforce.signals.quick import new, once
+from cylforce.signals.layout import Pdo
 from cylforce.signals.turns import TURN
 
 # rad/s and m/s: no joint or cylinder of such a machine is faster, so that a larger step is a sensor fault; chosen
@@ -39,191 +41,269 @@ FASTEST = {
 TURNED = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
 
 
-class FrameOrder(NamedTuple):
-    """Frames in an order of identifiers: what the kernel takes of each, PDO and 0; sizes of the data; layout of all."""
+@dataclass(frozen=True, slots=True)
+class MappedPdo:
+    """A sensor's PDO as frames of it are read.
+
+    number: of the PDO, in the order of `Supervisor.pdos`
+    size:   bytes of its data
+    unpack: gives its items, as numbers on the bus
+    """
+
+    number: int
+    size: int
+    unpack: Callable[..., tuple[Any, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOrder:
+    """How frames in one order of identifiers are read at once.
+
+    sorts:  of each frame the number of its PDO and 0, as the kernel takes them
+    sizes:  bytes of each frame's data
+    layout: of the data of all frames, one after the other
+    """
 
     sorts: Counts
     sizes: list[int]
     layout: Struct
 
 
-@dataclass(frozen=True)
-class Assembler:
-    """Receives frames and gives samples. Pure: every method returns the new state."""
+class AssemblerConstants(Constants):
+    """What is known of the sensors of one machine file.
 
-    service: Service
+    service:    its settings
+    supervisor: nodes and identifiers
+    decoders:   of the sensors' PDOs, by CAN identifier
+    layout:     names for the places in the kernel's array
+    unwrapping: adds whole turns to angles
+    still:      (S,) `moving` of `Assembler.receive` while nothing moves
+    orders:     how frames with given identifiers are read: those of a tick come in an order that hardly changes
+    """
 
-    @once
-    def supervisor(self) -> Supervisor:
-        """Watches who sends."""
-        return Supervisor(self.service)
+    def __init__(self, service: Service) -> None:
+        machine, self.service = service.machine, service
+        self.kernel = choice.chosen()
+        self.supervisor = Supervisor(service)
+        names = {signal.name: number for number, signal in enumerate(machine.signals)}
+        self.decoders = decoders(tuple(pdo for node in service.nodes for pdo in node.pdos), names)
+        self.layout = InputLayout(len(machine.signals), len(self.supervisor.pdos), len(service.nodes))
+        self.sample = SampleLayout(len(machine.signals))
+        self.unwrapping = Unwrapping(machine)
+        self.still: Numbers = ZERO * len(machine.signals)
+        self.plan = self._plan()
+        self.fine = (Reason.NONE,) * len(machine.signals)
+        self.mapped = {
+            pdo.can_id: MappedPdo(number, struct.size, struct.unpack_from)
+            for number, (_, pdo) in enumerate(self.supervisor.pdos)
+            for struct in (self.decoders[pdo.can_id].struct,)
+        }
+        self.orders = lru_cache(maxsize=64)(self._order)
 
-    @once
-    def _unwrapping(self) -> Unwrapping:
-        """Adds whole turns to angles."""
-        return Unwrapping(self.service.machine)
+    def _order(self, ids: tuple[int, ...]) -> FrameOrder | None:
+        """Return how frames with these identifiers are read; None where one of them is no sensor's."""
+        if not set(ids) <= set(self.mapped):
+            return None
+        found = [self.mapped[can_id] for can_id in ids]
+        formats = [self.decoders[can_id].struct.format.removeprefix("<") for can_id in ids]
+        sorts = counts(x for pdo in found for x in (pdo.number, 0))
+        return FrameOrder(sorts, [pdo.size for pdo in found], Struct("<" + "".join(formats)))
 
-    @once
-    def decoders(self) -> dict[int, Decoder]:
-        """Decoders of the sensors' PDOs by CAN identifier."""
-        names = {s.name: k for k, s in enumerate(self.service.machine.signals)}
-        return decoders(tuple(p for n in self.service.nodes for p in n.pdos), names)
-
-    @once
-    def _quantum(self) -> tuple[float, ...]:
-        size = {f.signal: f.scale for n in self.service.nodes for p in n.pdos for f in p.fields if f.code != "f"}
-        return tuple(size.get(s.name, 0.0) for s in self.service.machine.signals)
-
-    @once
-    def _plausible(self) -> tuple[tuple[float, float, float], ...]:
-        """Per signal the fastest plausible change [SI/s], the period [s], and what noise and digits change [SI]."""
-        return tuple(
-            (FASTEST.get(s.kind, inf), s.period_s, 6.0 * s.standard_error + 2.0 * quantum)
-            for s, quantum in zip(self.service.machine.signals, self._quantum, strict=True)
-        )
-
-    @once
-    def _kernel(self) -> Any:  # noqa: ANN401 - of either form
-        return choice.chosen()
-
-    @once
-    def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+    def _plan(self) -> KernelInputs:
         machine, health, watcher = self.service.machine, self.service.health, self.supervisor
         found = [self.decoders[pdo.can_id] for _, pdo in watcher.pdos]
         slots = [slot for decoder in found for slot in decoder.slots]
         missing = [nan if (m := d.missing[slot.item]) is None else m for d in found for slot in d.slots]
         first = np.cumsum([0, *(len(decoder.slots) for decoder in found)]).tolist()
-        noisy = [self._noisy(k) for k in range(len(machine.signals))]
+        quantum = self._quantum()
+        # equal values mean a fault where the noise of a sensor is large enough to change the last digit
+        noisy = [s.standard_error >= 0.5 * step > 0.0 for s, step in zip(machine.signals, quantum, strict=True)]
         whole = [first, [s.signal for s in slots], [s.item for s in slots], noisy, watcher.senders]
         whole.append([len(decoder.missing) for decoder in found])
         fields = [[getattr(s, name) for s in slots] for name in ("scale", "offset", "low", "high")]
         limits = [1e6 * health.hold_s, QUIET_US, health.frozen_samples, health.good_frames]
         senders = [watcher.periods_us, watcher.patience_us]
+        fastest = [FASTEST.get(s.kind, inf) for s in machine.signals]
+        periods = [s.period_s for s in machine.signals]
+        # what noise and digits change a value by [SI]
+        noise = [6.0 * s.standard_error + 2.0 * step for s, step in zip(machine.signals, quantum, strict=True)]
         late = [1e6 * LATE_PERIODS * s.period_s for s in machine.signals]
         turns = [TURN if s.kind in ANGLES else 0.0 for s in machine.signals]
         around = [TURN if machine.signals[s.signal].kind in TURNED else 0.0 for s in slots]
-        parts = [*fields, missing, *senders, *zip(*self._plausible, strict=True), late, turns, around, limits]
-        return self._kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
+        parts = [*fields, missing, *senders, fastest, periods, noise, late, turns, around, limits]
+        return self.kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
 
-    @once
-    def _mapped(self) -> dict[int, tuple[int, int, Callable[..., tuple[Any, ...]]]]:
-        """By identifier a sensor's PDO: its place, the size of its data, what gives its items."""
-        found = {}
-        for place, (_, pdo) in enumerate(self.supervisor.pdos):
-            layout = self.decoders[pdo.can_id].struct
-            found[pdo.can_id] = (place, layout.size, layout.unpack_from)
-        return found
+    def _quantum(self) -> list[float]:
+        """Return the step of the integer that carries each signal [SI]; 0 where none does."""
+        fields = (f for node in self.service.nodes for pdo in node.pdos for f in pdo.fields)
+        step = {f.signal: f.scale for f in fields if f.code != "f"}
+        return [step.get(signal.name, 0.0) for signal in self.service.machine.signals]
 
-    @once
-    def still(self) -> Numbers:
-        """`moving` of `receive` where nothing moves."""
-        return ZERO * len(self.service.machine.signals)
 
-    def begin(self) -> Inputs:
-        """The state before any frame."""
-        sizes = (len(self.service.machine.signals), len(self.supervisor.pdos), len(self.service.nodes))
-        empty = Channel(nan, NEVER, NEVER, Reason.SIGNAL_MISSING, 0, 0, 0)
-        parts = [*empty * sizes[0], *PdoRate() * sizes[1], *LastHeartbeat() * sizes[2], 0, 0, 0, NEVER, NEVER]
-        return Inputs(numbers(parts), sizes)
+@dataclass(slots=True)
+class Assembler(Estimator):
+    """The last value of every signal.
 
-    def receive(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
-        """The state after frames: length and range are checked, unknown identifiers are counted. `moving`, per signal:
-        not 0 where the machine moves so that an equal value from this sensor means that it is frozen."""
+    constants: of the sensors
+    state:     of all signals, PDOs and nodes, and frame counters, as the kernel keeps them (`InputLayout`)
+    """
+
+    constants: AssemblerConstants
+    state: Numbers
+
+    @classmethod
+    def start(cls, constants: AssemblerConstants) -> Self:
+        """Return the state before any frame."""
+        layout = constants.layout
+        made = cls(constants, ZERO * layout.size)
+        for number in range(layout.signals):
+            made._put(layout.signal(number), Channel.without_value(Reason.SIGNAL_MISSING))
+        for number in range(layout.pdos):
+            made._put(layout.pdo(number), PdoRate())
+        for number in range(layout.nodes):
+            made._put(layout.node(number), LastHeartbeat())
+        made.state[layout.long_us] = made.state[layout.foreign_us] = NEVER
+        return made
+
+    def receive(self, frames: Sequence[Frame], moving: Numbers | None = None) -> None:
+        """Judge frames: length and range are checked, unknown identifiers are counted.
+
+        moving: (S,) not 0 where the machine moves so that an equal value means a frozen sensor; None: nothing moves
+        """
         if not frames:
-            return inputs
+            return
+        moving = self.constants.still if moving is None else moving
         times, ids, parts = zip(*frames, strict=True)
-        order = self._orders(ids)
+        order = self.constants.orders(ids)
         if order is None:
-            return self._by_turns(inputs, frames, moving)
-        if [*map(len, parts)] != order.sizes:
-            return self._one_by_one(inputs, frames, moving)
-        raw = order.layout.unpack(b"".join(parts))
-        return self._judged(inputs, order.sorts, times, raw, moving)
+            self._receive_with_unknown(frames, moving)
+        elif [*map(len, parts)] != order.sizes:
+            self._receive_one_by_one(frames, moving)
+        else:
+            self._judge(order.sorts, times, order.layout.unpack(b"".join(parts)), moving)
 
-    def _by_turns(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
-        """The same of frames among which are unknown ones: what comes between them is judged together."""
+    def _receive_with_unknown(self, frames: Sequence[Frame], moving: Numbers) -> None:
+        """Judge frames some of which are no sensor's; those between them are judged together."""
         begin = 0
         for k, frame in enumerate(frames):
-            if frame.can_id not in self._mapped:
-                inputs = self._unknown(self.receive(inputs, frames[begin:k], moving), frame)
+            if frame.can_id not in self.constants.mapped:
+                self.receive(frames[begin:k], moving)
+                self._receive_unknown(frame)
                 begin = k + 1
-        return self.receive(inputs, frames[begin:], moving)
+        self.receive(frames[begin:], moving)
 
-    def _one_by_one(self, inputs: Inputs, frames: Sequence[Frame], moving: Numbers) -> Inputs:
-        """The same of frames some of which are of another length."""
-        for t_us, can_id, data in frames:
-            place, size, unpack = self._mapped[can_id]
-            sorts = array("q", (place, (len(data) > size) - (len(data) < size)))
-            inputs = self._judged(inputs, sorts, (t_us,), unpack(data) if len(data) >= size else (), moving)
-        return inputs
+    def _receive_one_by_one(self, frames: Sequence[Frame], moving: Numbers) -> None:
+        """Judge frames some of which are shorter or longer than their mapping."""
+        for frame in frames:
+            pdo = self.constants.mapped[frame.can_id]
+            longer = len(frame.data) - pdo.size
+            sorts = array("q", (pdo.number, (longer > 0) - (longer < 0)))
+            self._judge(sorts, (frame.t_us,), pdo.unpack(frame.data) if longer >= 0 else (), moving)
 
-    @once
-    def _orders(self) -> Callable[[tuple[int, ...]], "FrameOrder | None"]:
-        """How frames with these identifiers are read: those of a tick come in an order that hardly changes."""
-        return lru_cache(maxsize=64)(self._order)
+    def _judge(self, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers) -> None:
+        """Judge frames of sensors.
 
-    def _order(self, ids: tuple[int, ...]) -> "FrameOrder | None":
-        if not set(ids) <= set(self._mapped):
-            return None
-        found, layouts = [self._mapped[can_id] for can_id in ids], [self.decoders[can_id].struct for can_id in ids]
-        whole = Struct("<" + "".join(layout.format.removeprefix("<") for layout in layouts))
-        return FrameOrder(counts(x for place, *_ in found for x in (place, 0)), [size for _, size, _ in found], whole)
+        sorts: of each frame its PDO's number, then -1, 0, 1: too short, as mapped, too long
+        times: of each frame [us]
+        raw:   items of all frames, as numbers on the bus
+        """
+        constants, size = self.constants, len(sorts) // 2
+        constants.kernel.receive(constants.plan, self.state, sorts, size, array("d", times), array("d", raw), moving)
 
-    def _judged(
-        self, inputs: Inputs, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers
-    ) -> Inputs:
-        """The state after frames of sensors, as the kernel takes them."""
-        kept = inputs.kept[:]
-        self._kernel.receive(self._plan, kept, sorts, len(sorts) // 2, array("d", times), array("d", raw), moving)
-        return new(Inputs, (kept, inputs.sizes))
+    def _receive_unknown(self, frame: Frame) -> None:
+        """Count a frame that is no sensor's PDO: a heartbeat, one with our identifiers, any other."""
+        layout, supervisor = self.constants.layout, self.constants.supervisor
+        node = supervisor.nodes.get(frame.can_id)
+        if node is not None and len(frame.data) == 1:
+            self._put(layout.node(node), LastHeartbeat(frame.t_us, frame.data[0] & 0x7F))
+        elif frame.can_id in supervisor.ours:
+            self.state[layout.foreign_us] = frame.t_us
+        self.state[layout.unknown] += 1.0
 
-    def _unknown(self, inputs: Inputs, frame: Frame) -> Inputs:
-        found = self.supervisor.received(inputs, frame)
-        kept = found.kept[:]
-        kept[-5] += 1.0
-        return Inputs(kept, found.sizes)
+    def restart(self, node_id: int) -> None:
+        """Discard everything from a sensor node that booted; its signals are used again after enough good values."""
+        constants, layout = self.constants, self.constants.layout
+        for number, node in enumerate(constants.service.nodes):
+            if node.node_id == node_id:
+                self._put(layout.node(number), LastHeartbeat(booted=1.0))
+        for number, (node, _) in enumerate(constants.supervisor.pdos):
+            if node.node_id == node_id:
+                self._put(layout.pdo(number), PdoRate())
+        for k in {s.signal for d in constants.decoders.values() if d.node_id == node_id for s in d.slots}:
+            self._put(layout.signal(k), Channel.without_value(Reason.NOT_OPERATIONAL, self.channels[k].leapt))
 
-    def leapt(self, inputs: Inputs) -> tuple[int, ...]:
+    def _put(self, place: slice, what: Channel | PdoRate | LastHeartbeat) -> None:
+        self.state[place] = numbers(astuple(what))
+
+    def sample(self, t_us: int) -> Sample:
+        """Return the sample at a tick. Angles have the whole turns that the joints allow.
+
+        The last value of a signal that is late or was refused is used for `hold_s`; after that it is invalid."""
+        constants, place = self.constants, self.constants.sample
+        found = ZERO * place.size
+        bad = constants.kernel.usable(constants.plan, self.state, t_us, found)
+        reasons = tuple([REASONS[x] for x in found[place.reasons]]) if bad else constants.fine
+        values = found[place.values]
+        constants.unwrapping.apply(values)
+        return Sample(t_us, values, reasons, REASONS[found[place.late]], self.leapt if found[place.leapt] else ())
+
+    @property
+    def leapt(self) -> tuple[int, ...]:
         """Signals that leapt and stayed there: a joint, or the machine, is not where they say, now or before."""
-        found = self.still[:]
-        self._kernel.leapt(self._plan, inputs.kept, found)
+        found = self.constants.still[:]
+        self.constants.kernel.leapt(self.constants.plan, self.state, found)
         return tuple(k for k, leapt in enumerate(found) if leapt)
 
-    def _noisy(self, k: int) -> bool:
-        """Whether the noise of this sensor is large enough to change the last digit, so that equal values mean a
-        fault."""
-        return self.service.machine.signals[k].standard_error >= 0.5 * self._quantum[k] > 0.0
+    @property
+    def arrivals_us(self) -> Numbers:
+        """Time (S,) [us] at which the frame of each signal's last accepted value was received."""
+        return self.state[self.constants.layout.arrivals]
 
-    def restart(self, inputs: Inputs, node_id: int) -> Inputs:
-        """The state after a sensor node booted: its earlier values are discarded, and its signals are used again only
-        after enough good values."""
-        inputs = self.supervisor.restarted(inputs, node_id)
-        lost, kept = Channel(nan, NEVER, NEVER, Reason.NOT_OPERATIONAL, 0, 0, 0), inputs.kept
-        for k in {slot.signal for d in self.decoders.values() if d.node_id == node_id for slot in d.slots}:
-            begin, end = SIGNAL * k, SIGNAL * (k + 1)
-            kept[begin:end] = numbers(lost._replace(leapt=kept[begin + 9]))
-        return inputs
+    def ages(self, t_us: int) -> tuple[float, ...]:
+        """Return the age (S,) [s] of each value at a time; infinite where there never was one."""
+        return tuple(1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in self.channels)
 
-    def sample(self, inputs: Inputs, t_us: int) -> Sample:
-        """The sample at a tick. The last value of a signal that is late or was refused is used for `hold_s`; after that
-        the signal is invalid. Angles have the whole turns that the joints allow."""
-        size = inputs.sizes[0]
-        found = ZERO * (2 * size + 2)
-        bad = self._kernel.usable(self._plan, inputs.kept, t_us, found)
-        reasons = tuple([REASONS[x] for x in found[size:-2]]) if bad else self._fine
-        leapt = self.leapt(inputs) if found[-1] else ()
-        values = found[:size]
-        self._unwrapping.apply(values)
-        return new(Sample, (t_us, values, reasons, REASONS[found[-2]], leapt))
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The state of all signals."""
+        layout = self.constants.layout
+        return tuple(Channel(*self.state[layout.signal(k)]) for k in range(layout.signals))
 
-    def came(self, inputs: Inputs) -> Numbers:
-        """Return the time (S,) [us] at which the frame of each signal's last accepted value came."""
-        return inputs.kept[1 : SIGNAL * inputs.sizes[0] : SIGNAL]
+    @property
+    def pdos(self) -> tuple[PdoRate, ...]:
+        """The state of all PDOs, in the order of `Supervisor.pdos`."""
+        layout = self.constants.layout
+        return tuple(PdoRate(*self.state[layout.pdo(k)]) for k in range(layout.pdos))
 
-    @once
-    def _fine(self) -> tuple[Reason, ...]:
-        return (Reason.NONE,) * len(self.service.machine.signals)
+    @property
+    def nodes(self) -> tuple[LastHeartbeat, ...]:
+        """The state of all nodes."""
+        layout = self.constants.layout
+        return tuple(LastHeartbeat(*self.state[layout.node(k)]) for k in range(layout.nodes))
 
-    def ages(self, inputs: Inputs, t_us: int) -> tuple[float, ...]:
-        """Age (S,) [s] of each value at a time; infinite where there never was one."""
-        return tuple(1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in inputs.channels)
+    @property
+    def counters(self) -> FrameCounters:
+        """Numbers of frames that were not as expected."""
+        layout, state = self.constants.layout, self.state
+        return FrameCounters(state[layout.unknown], state[layout.short], state[layout.long])
+
+    @property
+    def long_us(self) -> float:
+        """Time of the last frame that was longer than its mapping [us]."""
+        return self.state[self.constants.layout.long_us]
+
+    def spoofed(self, t_us: int) -> bool:
+        """Return whether another node sends our identifiers."""
+        return abs(t_us - self.state[self.constants.layout.foreign_us]) < QUIET_US
+
+    def doubled(self, t_us: int) -> tuple[Pdo, ...]:
+        """Return the PDOs that more than one node sends."""
+        constants = self.constants
+        last = self.state[constants.layout.second_us]
+        pdos = constants.supervisor.pdos
+        return tuple([pdos[k][1] for k, at in enumerate(last) if abs(t_us - at) < QUIET_US])
+
+
+def assembler(service: Service) -> Assembler:
+    """Return the inputs of a machine file's sensors before any frame."""
+    return Assembler.start(AssemblerConstants(service))

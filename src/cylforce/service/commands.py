@@ -1,7 +1,8 @@
 """Frames that the service acts on itself: zero, tare and the truck's commands by SDO, NMT commands to our node, boot-up
 messages of sensors."""
 
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
 from cylforce.service.loading.truck import (
     DONE,
@@ -26,9 +27,9 @@ SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # both spellings of t
 LOADING = 0x2190  # ours: the truck that is being loaded
 TARGET, PRODUCT, NEXT, CANCEL, ACCEPT = 1, 2, 3, 4, 5  # its sub-indices that are commands
 NEXT_WORD = b"next"
-TOOL = 12  # ... and the one that chooses a tool by its number
-ADD = 13  # ... and the one that adds a bucket by hand
-PART, TRAILER = 14, 15  # ... on to the trailer or the next part of the truck; its target
+TOOL = 12  # the sub-index that chooses a tool by its number
+ADD = 13  # the one that adds a bucket by hand
+PART, TRAILER = 14, 15  # the ones that go on to the trailer or the next part of the truck, and that set its target
 COMMANDS = (TARGET, PRODUCT, NEXT, CANCEL, ACCEPT, ADD, PART, TRAILER)
 KG = 0.1  # kg, of the target's integer
 WRONG_VALUE = 0x06090030  # the same code: the written value is not the signature
@@ -36,47 +37,72 @@ FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download without size, 
 ZERO_RANGE = 0.02  # times the rated payload: a larger zero would hide a fault; chosen
 
 
-class Command(NamedTuple):
-    """A zero or tare command, and the four bytes that were written: the signature, if it is right."""
+@dataclass(frozen=True, slots=True)
+class ScaleCommand:
+    """A zero or tare command.
+
+    what: which of both
+    data: the four bytes that were written: the signature, if it is right
+    """
 
     what: Literal["zero", "tare"]
     data: bytes
 
 
-class LoadingCommand(NamedTuple):
-    """A command about the truck: sub-index, and the four bytes that were written."""
+@dataclass(frozen=True, slots=True)
+class LoadingCommand:
+    """A command about the truck.
+
+    sub:  sub-index of LOADING
+    data: the four bytes that were written
+    """
 
     sub: int
     data: bytes
 
 
-class ToolCommand(NamedTuple):
-    """Another tool is on the machine: its number."""
+@dataclass(frozen=True, slots=True)
+class ToolCommand:
+    """Another tool is on the machine.
+
+    number: of the tool
+    """
 
     number: int
 
 
-AnyCommand = Command | LoadingCommand | ToolCommand
+Command = ScaleCommand | LoadingCommand | ToolCommand
 
 
-class ToolRuling(NamedTuple):
-    """The tool after a command; 0, or the SDO abort code; what was decided, in words."""
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Answer to a command.
 
-    tool: str
+    verdict: 0: done; else the SDO abort code
+    words:   what was decided and why
+    """
+
     verdict: int
     words: str
 
 
-class Answer(NamedTuple):
-    """The new (zero, tare) [kg]; the verdict: 0, or the SDO abort code; what was decided and why, in words."""
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """The operator's zero and tare.
 
-    scale: tuple[float, float]
-    verdict: int
-    words: str
+    zero: [kg]
+    tare: [kg]
+    """
+
+    zero: float = 0.0
+    tare: float = 0.0
 
 
-def read(frame: Frame, node_id: int) -> AnyCommand | None:
-    """The command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12 to 15 of our
+NO_SCALE = Scale()
+
+
+def read(frame: Frame, node_id: int) -> Command | None:
+    """Return the command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12 to 15 of our
     node; None for any other frame. A download of another length is refused by the SDO server itself."""
     if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
@@ -87,33 +113,38 @@ def read(frame: Frame, node_id: int) -> AnyCommand | None:
         return ToolCommand(int.from_bytes(frame.data[4:8], "little"))
     if index not in SIGNATURES or frame.data[3] != 1:
         return None
-    return Command("zero" if index == ZERO else "tare", frame.data[4:8])
+    return ScaleCommand("zero" if index == ZERO else "tare", frame.data[4:8])
 
 
-def obey(command: Command, scale: tuple[float, float], mass: Quantity, rated: float) -> Answer:
-    """What a command does: `scale` is (zero, tare) [kg] so far, `mass` the present load before zero and tare, `rated`
-    the rated payload [kg]. Refused unless the status of the weight is OK; a zero also if it is too large."""
-    zero, _ = scale
+def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> tuple[Scale, Answer]:
+    """Return zero and tare after a command, and its answer. It is refused unless the status of the weight is OK; a zero
+    also if it is too large.
+
+    scale: so far
+    mass:  present load before zero and tare [kg]
+    rated: rated payload [kg]
+    """
     what, limit = command.what, ZERO_RANGE * rated
     if command.data not in SIGNATURES[ZERO if what == "zero" else TARE]:
         words = f"the four bytes written must be the word {what}, not {command.data!r}"
-        return Answer(scale, WRONG_VALUE, f"{what} refused: {words}")
+        return scale, Answer(WRONG_VALUE, f"{what} refused: {words}")
     if mass.status is not Status.OK:
         reason = mass.reason.name.lower().replace("_", " ")
         words = f"the weight must be OK, and it is {mass.status.name.lower()} ({reason})"
-        return Answer(scale, NOT_NOW, f"{what} refused: {words}")
+        return scale, Answer(NOT_NOW, f"{what} refused: {words}")
     if what == "tare":
-        return Answer((zero, mass.value - zero), 0, f"tare set to {mass.value - zero:.1f} kg")
+        tare = mass.value - scale.zero
+        return Scale(scale.zero, tare), Answer(DONE, f"tare set to {tare:.1f} kg")
     if abs(mass.value) > limit:
         words = (
             f"the weight is {mass.value:.1f} kg, the limit +-{limit:.1f} kg ({100 * ZERO_RANGE:.0f} % of rated payload)"
         )
-        return Answer(scale, TOO_FAR, f"zero refused: {words}: empty the tool, or find what else is wrong")
-    return Answer((mass.value, 0.0), 0, f"zero set to {mass.value:.1f} kg, tare to 0.0 kg")
+        return scale, Answer(TOO_FAR, f"zero refused: {words}: empty the tool, or find what else is wrong")
+    return Scale(mass.value), Answer(DONE, f"zero set to {mass.value:.1f} kg, tare to 0.0 kg")
 
 
 def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
-    """What a command about the truck does."""
+    """Return the truck after a command about it, and the answer."""
     number = int.from_bytes(command.data, "little", signed=command.sub in (TARGET, TRAILER))
     if command.sub == TARGET:
         return aimed(truck, KG * number)
@@ -130,36 +161,51 @@ def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
     return Ruling(truck, WRONG_VALUE, words)
 
 
-def fitted(number: int, tools: tuple[str, ...], present: str) -> ToolRuling:
-    """Which tool of `tools` a number means; the one `present` is chosen once more without effect."""
+def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str, Answer]:
+    """Return the tool of `tools` that a number means, and the answer; the one that is `present` is chosen once more
+    without effect."""
     if number >= len(tools):
         known = ", ".join(f"{k} {name}" for k, name in enumerate(tools))
-        return ToolRuling(present, TOO_FAR, f"attachment refused: {number} is none of {known}")
+        return present, Answer(TOO_FAR, f"attachment refused: {number} is none of {known}")
     if tools[number] == present:
-        return ToolRuling(present, 0, f"attachment {present} is chosen already")
-    return ToolRuling(tools[number], 0, f"attachment {tools[number]} chosen: zero and tare are 0")
+        return present, Answer(DONE, f"attachment {present} is chosen already")
+    return tools[number], Answer(DONE, f"attachment {tools[number]} chosen: zero and tare are 0")
 
 
 def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
-    """The booking, by hand, of a bucket that was not weighed (None where it is refused), and the truck with it."""
+    """Return the booking, by hand, of a bucket that was not weighed (None: refused), and the truck with it.
+
+    data: the four bytes that were written
+    last: booking so far
+    """
     mass, most = KG * int.from_bytes(data, "little", signed=True), LARGEST_TARGET
     if not 0.0 < mass <= most:
         return None, Ruling(truck, TOO_FAR, f"bucket by hand refused: {mass:.1f} kg is not above 0 to {most:.0f} kg")
     number = last.number + 1 if last else 1
-    made = Booking(number, t_us, mass, 0.0, 0.0, 0.0, mass, 0.0, by_hand=True)
+    made = Booking(
+        number,
+        t_us,
+        mass,
+        standard_error=0.0,
+        carry_back=0.0,
+        carry_back_error=0.0,
+        dumped=mass,
+        dumped_error=0.0,
+        by_hand=True,
+    )
     return made, Ruling(loaded(truck, made, 0.0), DONE, f"booking {number} by hand: {mass:.1f} kg")
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:
-    """True for an NMT command that stops our node (it then answers no SDO, and commands have no effect), False for one
-    that starts or resets it, None for any other frame."""
+    """Return True for an NMT command that stops our node (it then answers no SDO, and commands have no effect), False
+    for one that starts or resets it, None for any other frame."""
     if frame.can_id != 0 or len(frame.data) != 2 or frame.data[1] not in (0, node_id):
         return None
     return {1: False, 2: True, 128: False, 129: False, 130: False}.get(frame.data[0])
 
 
 def booted(frame: Frame) -> int | None:
-    """Id of the node whose boot-up message this is; None for any other frame."""
+    """Return the id of the node whose boot-up message this is; None for any other frame."""
     if 0x700 < frame.can_id < 0x780 and frame.data == b"\0":
         return frame.can_id - 0x700
     return None

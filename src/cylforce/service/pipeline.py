@@ -2,75 +2,83 @@
 recording. The arithmetic is the kernel's (estimation/kernel/README.md)."""
 
 from array import array
-from dataclasses import dataclass, field
-from math import inf, isfinite, prod
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Self
 
 import numpy as np
 
 from cylforce.estimation.kernel import choice, making
-from cylforce.estimation.kernel.restricted import Counts, Numbers
+from cylforce.estimation.kernel.functions import Kernel
+from cylforce.estimation.kernel.layout import FilterLayout, RowLayout, Sizes, part
+from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import Model
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import Residual
 from cylforce.mechanics.machine import FORCE_KINDS
+from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.estimate import Array, Reason
-from cylforce.signals.quick import new, once
 
 MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 
 
-class Sizes(NamedTuple):
-    """D channels, R rows, K columns, C cylinders."""
+class PipelineConstants(Constants):
+    """What the filters of one machine need.
 
-    d: int
-    r: int
-    k: int
-    c: int
+    model:       columns of all effects and their filters
+    most_tilted: largest tilt of the chassis that is used [rad]
+    kernel:      the compiled or the interpreted functions
+    """
+
+    def __init__(self, model: Model, most_tilted: float = inf, kernel: Kernel | None = None) -> None:
+        self.model, self.kernel = model, kernel or choice.chosen()
+        machine = model.machine
+        self.plan = making.plan(model, self.kernel.KernelPlan)
+        self.sensors = making.sensors(model, self.kernel.KernelSensors, most_tilted)
+        channels = machine.size + len(machine.cylinders) + (6 if model.channels.inertial else 3)
+        columns = len(model.filtered.regressor.names)
+        self.sizes = Sizes(channels, len(machine.rows), columns, len(machine.cylinders))
+        self.filters, self.rows = FilterLayout(self.sizes), RowLayout(self.sizes)
+        self.state_size, self.rows_size = self.kernel.state_size(self.plan), self.kernel.rows_size(self.plan)
+        self.by_length = model.channels.by_length
+        self.unwraps = model.channels.unwraps
+        # per signal the number of the cylinder whose motion changes it; -1: that of any cylinder
+        self.moved_by = making.counts(s.index if s.kind in FORCE_KINDS else -1 for s in machine.signals)
+
+    def read(self, values: Numbers) -> Numbers | Reason:
+        """Return joint angles, cylinder forces and attitude (D,) of a sample (S,); or why it is not usable."""
+        channels = ZERO * self.sizes.channels
+        for joint, cylinder, signal in self.by_length:
+            channels[joint] = float(self.model.machine.joint_angle(cylinder, values[signal]))
+        if self.kernel.sense(self.sensors, values, channels):
+            return Reason.TILT
+        return channels if isfinite(sum(channels)) else Reason.END_STOP
+
+    def moving(self, speed: Numbers) -> Numbers:
+        """Return per signal whether it should change (1) at the speed (C,) [m/s] of the cylinders, so that a repeated
+        value means a frozen sensor.
+
+        A pressure changes while its own cylinder moves, any other signal while any cylinder moves, because the whole
+        machine then shakes."""
+        found = ZERO * len(self.moved_by)
+        self.kernel.moves(speed, len(speed), MOVING, self.moved_by, len(self.moved_by), found)
+        return found
 
 
-class Pipe(NamedTuple):
-    """State of the filters: number of `steps`, and the state of every filter as the kernel keeps it (`kept`)."""
+@dataclass(slots=True)
+class Instant:
+    """The filtered rows of one step.
 
-    steps: int
-    kept: Numbers
-    sizes: Sizes
+    numbers:  all rows, as the kernel keeps them
+    layout:   names for their places
+    place:    of the tool from the first pin, x + i z [m]
+    velocity: of the tool [m/s]
+    usable:   (R,) 1 where a row can be used, else 0
+    speed:    (C,) of the cylinders [m/s]
+    """
 
-    @property
-    def raw(self) -> Array:
-        """Last channels (D,)."""
-        return self._part(0, self.sizes.d)
-
-    @property
-    def smooth(self) -> Array:
-        """Last three outputs (3, D) of their low-pass."""
-        return self._part(3 * self.sizes.d, 3 * self.sizes.d).reshape(3, -1)
-
-    @property
-    def middle(self) -> Numbers:
-        """Their mean (D,)."""
-        d = self.sizes.d
-        outputs = (self.kept[3 * d : 4 * d], self.kept[4 * d : 5 * d], self.kept[5 * d : 6 * d])
-        return array("d", [(x + y + z) / 3.0 for x, y, z in zip(*outputs, strict=True)])
-
-    @property
-    def waiting(self) -> Array:
-        """Steps (R,) for which each row is not used, because its filters still contain an unusable lever."""
-        d, r, k, _ = self.sizes
-        return self._part(6 * d + 3 * r * (k + 1), r)
-
-    def _part(self, begin: int, size: int) -> Array:
-        return np.frombuffer(self.kept, count=size, offset=8 * begin)
-
-
-class Instant(NamedTuple):
-    """What the kernel knows of this instant, all rows of a step (`kernel/rows.py`) as it keeps them; position `place`
-    [m] of the tool from the first pin and its `velocity` [m/s], as x + i z; `usable` (R,) rows: 1, else 0; `speed` (C,)
-    of the cylinders [m/s]."""
-
-    kept: Numbers
-    sizes: Sizes
+    numbers: Numbers
+    layout: RowLayout
     place: complex
     velocity: complex
     usable: Numbers
@@ -79,159 +87,102 @@ class Instant(NamedTuple):
     @property
     def slow(self) -> Rows:
         """Columns (R, K) and torques (R,) for the weighing."""
-        _, r, k, _ = self.sizes
-        return Rows(self._part(0, (r, k)), self._part(r * k, (r,)))
+        columns = part(self.numbers, self.layout.slow_columns).reshape(self.layout.shape)
+        return Rows(columns, part(self.numbers, self.layout.slow_torque))
 
     @property
     def rows(self) -> Rows:
-        """Those of the instant."""
-        _, r, k, _ = self.sizes
-        begin = r * k + r
-        return Rows(self._part(begin, (r, k)), self._part(begin + r * k, (r,)))
+        """Columns (R, K) and torques (R,) of the instant, for the force."""
+        columns = part(self.numbers, self.layout.columns).reshape(self.layout.shape)
+        return Rows(columns, part(self.numbers, self.layout.torque))
 
     @property
     def change(self) -> Array:
         """Time derivative (R, K) of the columns of inertia [1/s]."""
-        _, r, k, _ = self.sizes
-        return self._part(2 * (r * k + r), (r, k))
+        return part(self.numbers, self.layout.change).reshape(self.layout.shape)
 
     @property
-    def reversing(self) -> Array:
-        """1 where a cylinder (C,) is about to turn round, else 0."""
-        _, r, k, c = self.sizes
-        return self._part(3 * r * k + 2 * r, (c,))
+    def reversing(self) -> Numbers:
+        """1 where a cylinder (C,) is about to reverse, else 0."""
+        return self.numbers[self.layout.reversing]
+
+
+@dataclass(slots=True)
+class Pipeline(Estimator):
+    """The filters of a model, step by step.
+
+    constants: of the machine
+    steps:     number of steps since the filters began
+    state:     state of every filter, as the kernel keeps it; None: not begun
+    """
+
+    constants: PipelineConstants
+    steps: int
+    state: Numbers | None
+
+    @classmethod
+    def start(cls, constants: PipelineConstants) -> Self:
+        """Return filters that have not begun."""
+        return cls(constants, steps=0, state=None)
 
     @property
-    def reverses(self) -> bool:
-        """Whether any does."""
-        _, r, k, c = self.sizes
-        begin = 3 * r * k + 2 * r
-        return any(self.kept[begin : begin + c])
+    def raw(self) -> Array:
+        """Last channels (D,)."""
+        return self._part(self.constants.filters.raw)
 
-    def _part(self, begin: int, shape: tuple[int, ...]) -> Array:
-        return np.frombuffer(self.kept)[begin : begin + prod(shape)].reshape(shape)
+    @property
+    def smooth(self) -> Array:
+        """Last three outputs (3, D) of the channels' low-pass, oldest first."""
+        return self._part(self.constants.filters.smooth).reshape(3, -1)
 
+    @property
+    def middle(self) -> Numbers:
+        """Mean (D,) of these three."""
+        first, second, third = (row.tolist() for row in self.smooth)
+        return array("d", [(x + y + z) / 3.0 for x, y, z in zip(first, second, third, strict=True)])
 
-@dataclass(frozen=True)
-class Pipeline:
-    """The filters of a model, step by step."""
+    @property
+    def waiting(self) -> Array:
+        """Steps (R,) for which each row is not used, because its filters still contain an unusable lever."""
+        return self._part(self.constants.filters.waiting)
 
-    model: Model
-    most_tilted: float = inf  # rad, of the chassis
-    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
+    def _part(self, place: slice) -> Array:
+        assert self.state is not None, "the filters have not begun"  # noqa: S101 - a caller's mistake
+        return part(self.state, place)
 
-    @once
-    def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
-        return making.plan(self.model, self.kernel.KernelPlan)
+    def stop(self) -> None:
+        """Forget everything after an interruption of the measurement."""
+        self.steps, self.state = 0, None
 
-    @once
-    def _sensors(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
-        return making.sensors(self.model, self.kernel.KernelSensors, self.most_tilted)
+    def begin(self, channels: Numbers) -> None:
+        """Settle the filters at the first channels (D,) after the start or after a gap."""
+        constants, low_pass = self.constants, self.constants.model.channels.smooth
+        first = np.asarray(channels)
+        delayed, smooth = low_pass.step(low_pass.steady(first), first)
+        numbers = np.zeros(constants.state_size)
+        numbers[constants.filters.begin] = np.concatenate([first, *delayed, smooth, smooth, smooth])
+        self.steps, self.state = 0, array("d", numbers.tobytes())
 
-    def read(self, values: Numbers) -> Numbers | Reason:
-        """Joint angles, cylinder forces and attitude (D,) of a sample (S,); or why it is not usable."""
-        channels = ZERO * self._numbers.d
-        for joint, cylinder, signal in self.model.channels.by_length:
-            channels[joint] = float(self.model.machine.joint_angle(cylinder, values[signal]))
-        if self.kernel.sense(self._sensors, values, channels):
-            return Reason.TILT
-        return channels if isfinite(sum(channels)) else Reason.END_STOP
-
-    @once
-    def _sizes(self) -> tuple[int, int]:
-        """Numbers of a state and of the rows of a step."""
-        return self.kernel.state_size(self._plan), self.kernel.rows_size(self._plan)
-
-    @once
-    def _numbers(self) -> Sizes:
-        machine = self.model.machine
-        channels = machine.size + len(machine.cylinders) + (6 if self.model.channels.inertial else 3)
-        columns = len(self.model.filtered.regressor.names)
-        return Sizes(channels, len(machine.rows), columns, len(machine.cylinders))
-
-    def begin(self, channels: Numbers) -> Pipe:
-        """The state after the first channels (D,) at the start or after a gap, settled at them."""
-        first, low_pass = np.asarray(channels), self.model.channels.smooth
-        state, smooth = low_pass.step(low_pass.steady(first), first)
-        kept = np.zeros(self._sizes[0])
-        kept[: 6 * len(channels)] = np.concatenate([first, *state, smooth, smooth, smooth])
-        return Pipe(0, array("d", kept.tobytes()), self._numbers)
-
-    def advance(self, pipe: Pipe, channels: Numbers, periods: int) -> tuple[Pipe, Instant]:
-        """The state and the rows `periods` >= 1 steps later, at `channels` (D,); missing steps are filled by linear
+    def update(self, channels: Numbers, periods: int = 1) -> Instant:
+        """Return the rows `periods` >= 1 steps later, at `channels` (D,); missing steps are filled by linear
         interpolation."""
-        here = self.model.channels.follow(pipe.raw, channels) if self.model.channels.unwraps else channels
+        if self.constants.unwraps:
+            channels = self.constants.model.channels.follow(self.raw, channels)
         if periods > 1:
-            pipe = self._filled(pipe, here, periods)
-        size, rows = self._sizes
-        state, out = ZERO * size, ZERO * rows
-        old = pipe.kept if pipe.steps else array("d", pipe.kept)  # the kernel begins its filters there
-        self.kernel.advance(self._plan, old, here, state, out, pipe.steps == 0)
-        return new(Pipe, (pipe.steps + 1, state, self._numbers)), self._instant(out)
+            self._fill(channels, periods)
+        constants = self.constants
+        assert self.state is not None, "the filters have not begun"  # noqa: S101 - a caller's mistake
+        state, rows = ZERO * constants.state_size, ZERO * constants.rows_size
+        constants.kernel.advance(constants.plan, self.state, channels, state, rows, self.steps == 0)
+        self.steps += 1
+        self.state = state
+        layout = constants.rows
+        place, velocity = rows[layout.place], rows[layout.velocity]
+        return Instant(rows, layout, complex(*place), complex(*velocity), rows[layout.usable], rows[layout.speed])
 
-    def moving(self, speed: Numbers) -> Numbers:
-        """Per signal whether it should change (1) at the speed (C,) [m/s] of the cylinders, so that a repeated value
-        means a frozen sensor: a pressure while its own cylinder moves, any other signal while any cylinder moves,
-        because the whole machine then shakes."""
-        by = self._moved_by
-        found = ZERO * len(by)
-        self.kernel.moves(speed, len(speed), MOVING, by, len(by), found)
-        return found
-
-    @once
-    def _moved_by(self) -> Counts:
-        """Per signal the number of the cylinder whose motion changes it; -1: that of any cylinder."""
-        signals = self.model.machine.signals
-        return making.counts(s.index if s.kind in FORCE_KINDS else -1 for s in signals)
-
-    def _filled(self, pipe: Pipe, here: Numbers, periods: int) -> Pipe:
-        """The state one step before `here`."""
-        first = pipe.raw
+    def _fill(self, channels: Numbers, periods: int) -> None:
+        """Advance to one step before `channels`."""
+        first = self.raw
         for k in range(1, periods):
-            between = first + (np.asarray(here) - first) * (k / periods)
-            pipe, _ = self.advance(pipe, array("d", between.tobytes()), 1)
-        return pipe
-
-    def _instant(self, out: Numbers) -> Instant:
-        sizes = self._numbers
-        end = len(out) - sizes.c
-        begin = end - sizes.r
-        x, z, forwards, upwards = out[begin - 4 : begin]
-        now = (complex(x, z), complex(forwards, upwards), out[begin:end], out[end:])
-        return new(Instant, (out, sizes, *now))
-
-
-class Unexplained(NamedTuple):
-    """One instant of R measured joints: its `rows`, of which the first are columns (R, K), then torques (R,); what is
-    left of them, `kept`: torque (R,) [N m], its variance without friction at rest, that of friction at rest
-    [N^2 m^2], the columns (R, D) of the drift (`weighed.explain`); `wider` (R,): what the variance is wider by, for
-    those who ask for it [N^2 m^2]."""
-
-    rows: Numbers
-    kept: Numbers
-    wider: Numbers
-
-    @property
-    def torque(self) -> Numbers:
-        """The torque (R,) [N m]."""
-        return self.kept[: len(self.wider)]
-
-    @property
-    def variance(self) -> Numbers:
-        """Its variance (R,) [N^2 m^2]."""
-        size = len(self.wider)
-        return self.kept[size : 2 * size]
-
-    @property
-    def rest(self) -> Numbers:
-        """The variance of friction at rest (R,) [N^2 m^2]."""
-        size = len(self.wider)
-        return self.kept[2 * size : 3 * size]
-
-
-def unexplained(left: Residual, columns: int, drifts: int) -> Unexplained:
-    """The same of arrays, the columns filled up with zeros to so many; friction and zeros do not drift."""
-    rows, own = np.zeros((len(left.torque), columns)), left.columns.shape[1]
-    rows[:, :own] = left.columns
-    kept = np.concatenate([left.torque, left.variance, left.rest, np.zeros(len(rows) * drifts)])
-    return Unexplained(array("d", rows.tobytes()), array("d", kept.tobytes()), ZERO * len(rows))
+            between = first + (np.asarray(channels) - first) * (k / periods)
+            self.update(array("d", between.tobytes()))

@@ -2,7 +2,7 @@
 
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import accumulate, pairwise
 from math import lcm, nan, pi, sin, sqrt, tan
@@ -19,7 +19,6 @@ from cylforce.signals.codec import Layout, layout, packed
 from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Estimate, Quantity
 from cylforce.signals.layout import Field, Pdo
-from cylforce.signals.quick import once
 from cylforce.signals.units import DEGREE
 
 GROSS, NET = "payload_gross", "payload_net"
@@ -250,17 +249,23 @@ def encoder(table: tuple[Pdo, ...]) -> Encoder:
     return Encoder(places, layouts, values, choice.chosen().quantise, limits, counts([0] * len(fields)), whole.pack)
 
 
-@dataclass(frozen=True)
 class Encoders:
-    """The encoders of our TPDOs."""
+    """The encoders of our TPDOs.
 
-    pdos: tuple[Pdo, ...]
+    together: function that returns the encoder of the PDOs with these numbers, which are sent together
+    """
 
-    @once
-    def of(self) -> Callable[[tuple[int, ...]], Encoder]:
-        """Gives that of some of them, by their numbers: those that are sent together."""
-        numbered = {pdo.number: pdo for pdo in self.pdos}
-        return lru_cache(maxsize=64)(lambda wanted: encoder(tuple(numbered[number] for number in wanted)))
+    def __init__(self, pdos: tuple[Pdo, ...]) -> None:
+        numbered = {pdo.number: pdo for pdo in pdos}
+        self.together = lru_cache(maxsize=64)(lambda wanted: encoder(tuple(numbered[number] for number in wanted)))
+
+    def due(self, estimate: Estimate, numbers: tuple[int, ...]) -> list[tuple[int, bytes]]:
+        """Return (number, data) of the PDOs with these numbers: only what is sent is encoded."""
+        return self.together(numbers).data(estimate) if numbers else []
+
+    def data(self, estimate: Estimate, number: int) -> bytes:
+        """Return the data of one PDO."""
+        return next(data for _, data in self.due(estimate, (number,)))
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:

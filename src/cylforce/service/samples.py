@@ -16,16 +16,21 @@ LONGEST_JUMP = 1000  # missing rows at most between two ticks, for a longer paus
 
 
 def samples(
-    assembler: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason] | None = None
+    inputs: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason] | None = None
 ) -> Iterator[Array]:
-    """One row of SI values per tick, in pieces (T, S) of PIECE rows; a row is NaN when any of its signals is missing,
-    late or not usable. `period_us`: the fixed step, by which missing ticks are recognised. In `unusable`, where given,
-    ticks without a sample are counted by their reasons. The slew angle goes on where its encoder passes the end of its
-    circle."""
-    signals = assembler.service.machine.signals
+    """Yield one row of SI values per tick, in pieces (T, S) of PIECE rows.
+
+    A row is NaN when any of its signals is missing, late or not usable. The slew angle goes on where its encoder passes
+    the end of its circle.
+
+    inputs:    of the sensors, before any frame
+    period_us: fixed step, by which missing ticks are recognised [us]
+    unusable:  where given, counts the ticks without a sample by their reasons
+    """
+    signals = inputs.constants.service.machine.signals
     slew = Follower([k for k, signal in enumerate(signals) if signal.kind is Kind.SLEW_ANGLE])
     rows: list[Array] = []
-    for row in _rows(assembler, events, period_us, Counter() if unusable is None else unusable):
+    for row in _rows(inputs, events, period_us, Counter() if unusable is None else unusable):
         rows.append(row)
         if len(rows) == PIECE:
             yield slew.follow(np.array(rows))
@@ -34,17 +39,16 @@ def samples(
         yield slew.follow(np.array(rows))
 
 
-def _rows(assembler: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason]) -> Iterator[Array]:
-    inputs, still = assembler.begin(), assembler.still
-    missing = np.full(len(assembler.service.machine.signals), np.nan)
+def _rows(inputs: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason]) -> Iterator[Array]:
+    missing = np.full(len(inputs.constants.service.machine.signals), np.nan)
     last_us: int | None = None
     for event in events:
         if isinstance(event, Frame):
-            inputs = assembler.receive(inputs, (event,), still)
+            inputs.receive((event,))
             continue
         for _ in range(0 if last_us is None else skipped(event.t_us - last_us, period_us)):
             yield missing
-        sample = assembler.sample(inputs, event.t_us)
+        sample = inputs.sample(event.t_us)
         whole = is_whole(sample)
         if not whole:
             unusable[max((*sample.reasons, sample.late))] += 1
@@ -53,11 +57,11 @@ def _rows(assembler: Assembler, events: Iterable[Event], period_us: int, unusabl
 
 
 def skipped(elapsed_us: int, period_us: int) -> int:
-    """Number of rows that are missing between two ticks `elapsed_us` apart."""
+    """Return the number of rows that are missing between two ticks `elapsed_us` apart."""
     count = round(elapsed_us / period_us) - 1
     return min(count, LONGEST_JUMP) if count >= 0 else LONGEST_JUMP
 
 
 def is_whole(sample: Sample) -> bool:
-    """Whether every signal came in time and is usable."""
+    """Return whether every signal came in time and is usable."""
     return sample.late is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)

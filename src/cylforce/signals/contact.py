@@ -1,13 +1,13 @@
 """Events of the contact between tool and ground."""
 
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
 
 KEPT = 32  # events that the service remembers; older ones are in the log
 
 
 class EventKind(IntEnum):
-    """What happened; published as one byte."""
+    """Kind of an event; published as one byte."""
 
     NONE = 0
     CONTACT_BEGINS = 1
@@ -17,9 +17,16 @@ class EventKind(IntEnum):
     SLOPE_CHANGES = 5
 
 
-class ContactEvent(NamedTuple):
-    """An event: its `number` since the start, time [us], kind, place of the teeth x (forward) and z (up) [m] from the
-    first pin, `confidence` 0 to 1."""
+@dataclass(frozen=True, slots=True)
+class ContactEvent:
+    """An event at the teeth.
+
+    number:     count of events since the start
+    t_us:       time [us]
+    kind:       what happened
+    x, z:       place of the teeth, forward of and above the first pin [m]
+    confidence: probability that it happened, 0 to 1
+    """
 
     number: int
     t_us: int

@@ -3,22 +3,26 @@ withheld."""
 
 from array import array
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
 from math import isfinite, nan
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.signals.contact import ContactEvent
-from cylforce.signals.quick import new
 
 Array = NDArray[np.float64]
 
 
 class Status(IntEnum):
-    """How far a published value can be trusted: OK: fully; DEGRADED: valid with the standard error given, but see the
-    reason; HOLD: the last value, because its sensors are late; INVALID: no value."""
+    """Trust in a published value.
+
+    OK:       the value and its standard error can be trusted
+    DEGRADED: valid with the standard error given; the reason says why it is large or not confirmed
+    HOLD:     the last value, because its sensors are late
+    INVALID:  no value
+    """
 
     OK = 0
     DEGRADED = 1
@@ -27,7 +31,7 @@ class Status(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a value is withheld or degraded; published as one byte. The cure for each stands in service/README.md."""
+    """Reason why a value is withheld or degraded; published as one byte. service/README.md has the cure for each."""
 
     NONE = 0
     STARTING = 1
@@ -63,25 +67,38 @@ class Reason(IntEnum):
     NOT_CONFIRMED = 32
 
 
-class Sample(NamedTuple):
-    """The signals at a tick: SI values (S,) in the order of the machine's signals, `kept` as plain numbers; per signal
-    the reason why it is not usable (NONE: usable); `late`: the reason why at least one value is not fresh but repeated
-    from before (NONE: all are fresh); numbers of signals that `leapt` and stayed there."""
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """The signals at a tick, in the order of the machine's signals.
+
+    t_us:    time of the tick [us]
+    plain:   (S,) SI values, as Python's own array, which the kernel reads
+    reasons: (S,) why each signal is not usable; NONE: usable
+    late:    why at least one value is repeated from before; NONE: all are fresh
+    leapt:   numbers of the signals that leapt and stayed there
+    """
 
     t_us: int
-    kept: "array[float]"
+    plain: "array[float]"
     reasons: tuple[Reason, ...]
     late: Reason
     leapt: tuple[int, ...] = ()
 
     @property
     def values(self) -> Array:
-        """The values (S,)."""
-        return np.frombuffer(self.kept)
+        """The SI values (S,) as a NumPy array."""
+        return np.frombuffer(self.plain)
 
 
-class Quantity(NamedTuple):
-    """A value in SI units with its standard error; both NaN when `status` is INVALID."""
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A value with its standard error.
+
+    value:          SI units; NaN when INVALID
+    standard_error: in the unit of the value; NaN when INVALID
+    status:         trust in the value
+    reason:         why the status is not OK
+    """
 
     value: float
     standard_error: float
@@ -90,32 +107,42 @@ class Quantity(NamedTuple):
 
 
 def invalid(reason: Reason) -> Quantity:
-    """A quantity without a value, with the reason."""
-    return new(Quantity, (nan, nan, Status.INVALID, reason))
+    """Return a quantity without a value."""
+    return Quantity(nan, nan, Status.INVALID, reason)
 
 
-def less(q: Quantity, by: float) -> Quantity:
-    """The quantity with its value less `by`."""
-    return new(Quantity, (q.value - by, q.standard_error, q.status, q.reason)) if by else q
+def less(quantity: Quantity, by: float) -> Quantity:
+    """Return the quantity with its value reduced `by` a known number."""
+    if not by:
+        return quantity
+    return Quantity(quantity.value - by, quantity.standard_error, quantity.status, quantity.reason)
 
 
-def degraded(q: Quantity, reason: Reason) -> Quantity:
-    """The quantity, DEGRADED for this reason if it was OK."""
-    return q._replace(status=Status.DEGRADED, reason=reason) if q.status is Status.OK else q
+def degraded(quantity: Quantity, reason: Reason) -> Quantity:
+    """Return the quantity, DEGRADED for this reason if it was OK."""
+    if quantity.status is not Status.OK:
+        return quantity
+    return Quantity(quantity.value, quantity.standard_error, Status.DEGRADED, reason)
 
 
-def within(q: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
-    """The quantity itself when it is finite, within `limits`, and its standard error is between 0 and `largest_error`;
-    else INVALID."""
-    if q.status is Status.INVALID:
-        return q
-    fine = isfinite(q.value) and limits[0] <= q.value <= limits[1] and 0.0 < q.standard_error < largest_error
-    return q if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
+def within(quantity: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
+    """Return the quantity, INVALID if it lies outside `limits` or its standard error reaches `largest_error`."""
+    if quantity.status is Status.INVALID:
+        return quantity
+    value, error = quantity.value, quantity.standard_error
+    fine = isfinite(value) and limits[0] <= value <= limits[1] and 0.0 < error < largest_error
+    return quantity if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
 
 
-class Force(NamedTuple):
-    """Force of the outside world on the tool, in the vertical plane of the arm (x forward, z up): its components [N],
-    magnitude [N], direction [rad] from x towards z, and the components' `covariance` (xx, xz, zz) [N^2]."""
+@dataclass(frozen=True, slots=True)
+class Force:
+    """Force of the outside world on the tool, in the vertical plane of the arm.
+
+    x, z:       components [N], forward and up
+    magnitude:  [N]
+    direction:  [rad] from x towards z
+    covariance: of the components, (xx, xz, zz) [N^2]
+    """
 
     x: Quantity
     z: Quantity
@@ -128,18 +155,37 @@ class Force(NamedTuple):
         """The four published quantities: x, z, magnitude, direction."""
         return self.x, self.z, self.magnitude, self.direction
 
+    def changed(self, change: Callable[[Quantity], Quantity]) -> "Force":
+        """Return the force with each published quantity changed by `change`."""
+        return Force(
+            x=change(self.x),
+            z=change(self.z),
+            magnitude=change(self.magnitude),
+            direction=change(self.direction),
+            covariance=self.covariance,
+        )
+
 
 def invalid_force(reason: Reason) -> Force:
-    """A force without a value, with the reason."""
+    """Return a force without a value."""
     nothing = invalid(reason)
     return Force(nothing, nothing, nothing, nothing, (nan, nan, nan))
 
 
-class Booking(NamedTuple):
-    """A weight that was accurate enough to be booked: number of the lift, time of booking [us]; gross `mass`, what
-    remained in the bucket after it (`carry_back`), what left it (`dumped`), each with its standard error, all [kg].
-    While the bucket returns, the same booking becomes more precise. `by_hand`: the operator gave it, nothing was
-    weighed."""
+@dataclass(frozen=True, slots=True)
+class Booking:
+    """A weight that was accurate enough to be booked. While the bucket returns, the same booking becomes more precise.
+
+    number:           count of bookings
+    t_us:             time of booking [us]
+    mass:             gross weight [kg]
+    standard_error:   of it [kg]
+    carry_back:       what remained in the bucket [kg]
+    carry_back_error: standard error of it [kg]
+    dumped:           what left the bucket [kg]
+    dumped_error:     standard error of it [kg]
+    by_hand:          whether the operator entered it instead of a weighing
+    """
 
     number: int
     t_us: int
@@ -153,29 +199,51 @@ class Booking(NamedTuple):
 
 
 def is_new(booking: Booking | None, before: Booking | None) -> bool:
-    """Whether a booking is another one than before, not the same made more precise."""
+    """Return whether a booking has another number than the one before, and is not the same made more precise."""
     return booking is not None and (before is None or booking.number != before.number)
 
 
-class Load(NamedTuple):
-    """A hanging load: `mass` [kg] and its `centre` (x, z) [m] in the last link's frame, each with its standard
-    error."""
+@dataclass(frozen=True, slots=True)
+class Load:
+    """A hanging load.
+
+    mass:               [kg]
+    centre_x, centre_z: centre of mass [m] in the frame of the last link
+    """
 
     mass: Quantity
     centre_x: Quantity
     centre_z: Quantity
 
+    @property
+    def quantities(self) -> tuple[Quantity, Quantity, Quantity]:
+        """Mass, x and z of the centre."""
+        return self.mass, self.centre_x, self.centre_z
+
+    def changed(self, change: Callable[[Quantity], Quantity]) -> "Load":
+        """Return the load with each quantity changed by `change`."""
+        return Load(change(self.mass), change(self.centre_x), change(self.centre_z))
+
 
 def invalid_load(reason: Reason) -> Load:
-    """A load without a value, with the reason."""
+    """Return a load without a value."""
     nothing = invalid(reason)
-    return new(Load, (nothing, nothing, nothing))
+    return Load(nothing, nothing, nothing)
 
 
-class Estimate(NamedTuple):
-    """All estimates of a tick, as published: `load` before zero and tare, `gross` = load less zero [kg], `net` = gross
-    less tare [kg], `force`: the resultant of all that acts on the tool, the last booking; `soil`: the force of the soil
-    alone; the last events at the teeth, newest last."""
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """All estimates of a tick, as published.
+
+    t_us:    time of the tick [us]
+    load:    before zero and tare
+    gross:   mass of the load less the operator's zero [kg]
+    net:     gross less the tare [kg]
+    force:   resultant of all that acts on the tool
+    booking: the last one; None: none yet
+    soil:    the force of the soil alone
+    events:  the last events at the teeth, newest last
+    """
 
     t_us: int
     load: Load
@@ -188,23 +256,35 @@ class Estimate(NamedTuple):
 
 
 def no_estimate(t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()) -> Estimate:
-    """No value at all, and why; the last booking and the last events stay."""
+    """Return an estimate without any value; the last booking and the last events stay."""
     nothing, no_force = invalid(reason), invalid_force(reason)
-    return Estimate(t_us, invalid_load(reason), nothing, nothing, no_force, booking, no_force, events)
-
-
-def each_component(force: Force, change: Callable[[Quantity], Quantity]) -> Force:
-    """The force with each published component changed by `change`."""
-    x, z, magnitude, direction = (change(q) for q in force.quantities)
-    return Force(x, z, magnitude, direction, force.covariance)
+    return Estimate(
+        t_us,
+        load=invalid_load(reason),
+        gross=nothing,
+        net=nothing,
+        force=no_force,
+        booking=booking,
+        soil=no_force,
+        events=events,
+    )
 
 
 def held_estimate(last: Estimate, t_us: int, reason: Reason) -> Estimate:
-    """The last estimate with the status HOLD and the reason."""
+    """Return the last estimate, each of its values with the status HOLD and the reason."""
 
-    def repeated(q: Quantity) -> Quantity:
-        return q if q.status is Status.INVALID else q._replace(status=Status.HOLD, reason=reason)
+    def held(quantity: Quantity) -> Quantity:
+        if quantity.status is Status.INVALID:
+            return quantity
+        return Quantity(quantity.value, quantity.standard_error, Status.HOLD, reason)
 
-    load, gross, net = Load(*(repeated(q) for q in last.load)), repeated(last.gross), repeated(last.net)
-    force, soil = each_component(last.force, repeated), each_component(last.soil, repeated)
-    return Estimate(t_us, load, gross, net, force, last.booking, soil, last.events)
+    return Estimate(
+        t_us=t_us,
+        load=last.load.changed(held),
+        gross=held(last.gross),
+        net=held(last.net),
+        force=last.force.changed(held),
+        booking=last.booking,
+        soil=last.soil.changed(held),
+        events=last.events,
+    )

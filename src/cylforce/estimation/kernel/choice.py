@@ -20,6 +20,7 @@ from cylforce.estimation.kernel import (
     solver,
     weighed,
 )
+from cylforce.estimation.kernel.functions import Kernel
 from cylforce.estimation.kernel.solving import listed
 
 PARTS = (
@@ -89,7 +90,7 @@ class Choice(NamedTuple):
     """The `kernel` that runs, and why the compiled one was refused, in a sentence; empty where it runs, or where there
     is none."""
 
-    kernel: Any
+    kernel: Kernel
     refused: str = ""
 
 
@@ -116,6 +117,6 @@ def judged(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled mod
     return Choice(INTERPRETED, f"the compiled kernel was not taken, the interpreted one runs: {why}")
 
 
-def chosen() -> Any:  # noqa: ANN401 - a module of C functions or one of Python's
+def chosen() -> Kernel:
     """The kernel that runs."""
     return choice().kernel

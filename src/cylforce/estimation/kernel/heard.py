@@ -1,4 +1,4 @@
-"""What pressures say by themselves: `service.plausibility` `changing`, `quiet` and the first look of `leaping`, in
+"""What pressures say by themselves: `service.plausibility.pressure_groups` and the first look of `pressure_leap`, in
 plain numbers. Tables of groups are (G, P), of P pressures."""
 
 from math import log
@@ -196,7 +196,7 @@ def listen(
     """Noise of pressures, after a group of `size` readings (T, P), of those that `moved` (P,): the `state` is the noise
     that is known (NOISES, P), 0: not yet, and in how many groups it has been gone (P,). `groups` (2, G, P): means and
     variances of a `number` of groups, with this one; `stated` (P,): variances of the sensors, more than which is none
-    of theirs; `quiet`: the `limits` of `quiet.QUIET`. What is heard while noise is gone is not remembered."""
+    of theirs; `quiet`: the `limits` of `pressure_groups.QUIET`. What is heard while noise is gone is not remembered."""
     for i in range(p):
         if moved[i] != 0.0:
             noise, since = second_differences(p, readings, 0, size, i), NOISES * p + i

@@ -6,7 +6,7 @@ reason, good, equal and implausible values in a row, leap, last implausible valu
 last value was measured [us] (see `Channel`); of each of P PDOs (P, 3) time [us], excess, time of a second producer [us]
 (see `PdoRate`); of each of M nodes (M, 3) time of its heartbeat [us], state, whether it told that it booted; frames
 with an unknown identifier, too short, too long; time of the last one that was too long, and of the last frame of
-somebody else with our identifiers [us]. `service.senders.inputs` gives them names."""
+somebody else with our identifiers [us]. `layout.InputLayout` and `service.senders.channels` give them names."""
 
 from math import floor
 from typing import Any

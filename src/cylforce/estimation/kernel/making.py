@@ -1,7 +1,7 @@
 """The kernel's plan of a model: its machine, the numbers of its columns, its filters."""
 
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from cylforce.effects.sensors.delay import Delay
 from cylforce.effects.sensors.pressure_zero import PressureZero
 from cylforce.estimation.filters import Filter
 from cylforce.estimation.kernel import columns
+from cylforce.estimation.kernel.plan import KernelPlan, KernelSensors
 from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.model import Model
 from cylforce.mechanics.linkages import FourBar
@@ -58,7 +59,7 @@ def counts(values: Iterable[int]) -> Counts:
     return array("q", [int(value) for value in values])
 
 
-def plan(model: Model, kind: Any) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+def plan(model: Model, kind: Callable[..., KernelPlan]) -> KernelPlan:
     """The plan (`kind`: class `KernelPlan` of the kernel) of a model. Raises TypeError for an effect whose law the
     kernel does not know."""
     return kind(*_arguments(model))
@@ -97,7 +98,7 @@ def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Number
     return sizes, physics, [counts(x) for x in whole], [numbers(x) for x in parts]
 
 
-def sensors(model: Model, kind: Any, most: float) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+def sensors(model: Model, kind: Callable[..., KernelSensors], most: float) -> KernelSensors:
     """The kernel's form (`kind`: class `KernelSensors`) of which signals give the channels; a chassis tilted by more
     than `most` [rad] is not used."""
     machine, read = model.machine, model.channels

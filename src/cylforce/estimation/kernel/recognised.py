@@ -1,5 +1,5 @@
 """What a block of motion tells: of whose machine it is (`service.recognition`), and of each signal's error
-(`service.plausibility.blocks` and `unnoticed`); what a tenth of a second tells of a base that rocks
+(`service.plausibility.blocks` and `undetected`); what a tenth of a second tells of a base that rocks
 (`service.contact.rocking`); in plain numbers."""
 
 from math import cos, sin, sqrt

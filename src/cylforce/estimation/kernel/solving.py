@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cylforce.estimation.kernel.functions import Kernel
 from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solver import KernelSolver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import RELATIVE, by_load
 from cylforce.signals.estimate import Array
@@ -37,10 +39,10 @@ NO_LIMITS = Limits()
 def solver(
     model: Model,
     tares: Tares,
-    kernel: Any,  # noqa: ANN401 - of either form
+    kernel: Kernel,
     limits: Limits = NO_LIMITS,
     prior: Array | None = None,
-) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
+) -> KernelSolver:
     """The solver; `prior` (T, T): information on force and moment at the tool."""
     rows, size, tools = len(model.machine.rows), len(model.parameters), 3 if prior is None else len(prior)
     cylinders, drifts = len(model.machine.cylinders), len(model.changing)

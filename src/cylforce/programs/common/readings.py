@@ -2,28 +2,31 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
-
-from pydantic import JsonValue
+from typing import TYPE_CHECKING
 
 from cylforce.estimation.attachment import with_tool
 from cylforce.estimation.kernel.choice import choice
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.segments import gapless
 from cylforce.files.atomic import RecordingError, Report, warn
-from cylforce.files.checkpoint import packed, unpacked
+from cylforce.files.checkpoint import packed, unpacked, unpacked_state
 from cylforce.files.logfile import Header, file_sha256, running_versions
 from cylforce.files.logreader import log_header
 from cylforce.files.recording import open_recording
 from cylforce.files.tables import Table
 from cylforce.programs.common.progress import Watch, silent, watched
 from cylforce.programs.common.unusable import unusable_samples
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
+from cylforce.service.commands import Scale
+from cylforce.service.core import Core
 from cylforce.service.hanging import hanging
+from cylforce.service.memory import NOTHING_KEPT, Memory
 from cylforce.service.samples import samples
-from cylforce.service.state import NOTHING_KEPT, Memory, Scale, State
-from cylforce.service.step import Core
+from cylforce.service.service import WeighingService
+from cylforce.service.snapshot import State
 from cylforce.settings.identified import identified_warnings, read_attachments, read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason
@@ -32,7 +35,6 @@ from cylforce.signals.events import Frame, Tick
 if TYPE_CHECKING:  # the service needs neither identification nor scipy
     from cylforce.commissioning.identification import Identification
 
-S = TypeVar("S")
 KNOWN = (0.05, 2.0)  # times the rated payload: known weights from which the scale can be taken; chosen
 
 
@@ -87,7 +89,7 @@ def recorded_segments(loaded: Loaded, path: Path, watch: Watch = silent, tell: R
         return
     events = watched(path, (e for e in recording.events if isinstance(e, Frame | Tick)), watch)
     rows, unusable = 0, Counter[Reason]()
-    for piece in samples(Assembler(service), events, round(1e6 / service.filters.rate_hz), unusable):
+    for piece in samples(assembler(service), events, round(1e6 / service.filters.rate_hz), unusable):
         rows += len(piece)
         yield from gapless(piece, longest)
     if unusable[Reason.TWO_PRODUCERS] or unusable.total() == rows > 0:
@@ -169,45 +171,53 @@ def calibrated(loaded: Loaded, found: "Identification", lift: Path, known_kg: fl
 
 def header_of(loaded: Loaded, identified: Path | None, bus: str, kept: Memory = NOTHING_KEPT) -> Header:
     """Return the header of a log of this service, with the values kept from an earlier start."""
-    known = {} if kept[1:] == NOTHING_KEPT[1:] else {"kept": packed(kept)}
+    known = {} if replace(kept, scale=NOTHING_KEPT.scale) == NOTHING_KEPT else {"kept": packed(kept)}
     return Header(
         versions=running_versions(),
         machine=str(loaded.path.resolve()),
         machine_sha256=loaded.sha256,
         identified_sha256=file_sha256(identified) if identified else None,
-        state={**kept.scale._asdict(), **known},
+        state={**asdict(kept.scale), **known},
         bus=bus,
         node_id=loaded.service.node_id,
     )
 
 
-def continued(header: Header, state: State) -> Header:
+def continued(header: Header, memory: Memory, state: State) -> Header:
     """Return the header of a log that continues another one, at a state of the service."""
-    known = {**state.scale._asdict(), "kept": packed(state.memory), "service": packed(state)}
+    known = {**asdict(memory.scale), "kept": packed(memory), "service": packed(state)}
     return header.model_copy(update={"state": known})
 
 
-def beginning(core: Core, recorded: Header, now: Header, path: Path, tell: Report) -> State:
-    """Return the service's state at the beginning of a log.
+def beginning(core: Core, recorded: Header, now: Header, path: Path, tell: Report) -> WeighingService:
+    """Return the service in its state at the beginning of a log.
 
     A state of other tares or another version does not fit: then only zero and tare are used, the estimators restart,
     and `tell` reports it.
     """
     said = recorded.state
-    known = Memory(Scale(**{name: float(str(said.get(name, 0.0))) for name in Scale._fields}))
+    known = Memory(Scale(**{field.name: float(str(said.get(field.name, 0.0))) for field in fields(Scale)}))
     if "kept" in said:
-        known = _unpacked(Memory, said["kept"], path)
+        with _readable(path):
+            known = unpacked(Memory, said["kept"])
+    service = WeighingService.start(core, known)
     if "service" not in said:
-        return core.begin(known)
+        return service
     same = (recorded.machine_sha256, recorded.identified_sha256) == (now.machine_sha256, now.identified_sha256)
     if same and recorded.versions.get("cylforce") == now.versions["cylforce"]:
-        return _unpacked(State, said["service"], path)
+        with _readable(path):
+            service.restore(unpacked_state(service.types(), said["service"]))
+        return service
     tell(f"{path}: continues an earlier log of other tares or another version: its estimators start anew here")
-    return core.begin(known)
+    return service
 
 
-def _unpacked(kind: type[S], said: JsonValue, path: Path) -> S:
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Raise RecordingError with a sentence where the state in a log's header cannot be read."""
     try:
-        return unpacked(kind, said)
+        yield
     except (ValueError, TypeError) as error:
-        raise RecordingError(f"{path}: the state in the log's header is broken, so its start is lost") from error
+        raise RecordingError(
+            f"{path}: the state in the log's header is broken, or of another version, so its start is lost: record anew"
+        ) from error

@@ -15,7 +15,7 @@ from cylforce.programs.common.readings import check_machine
 from cylforce.programs.common.spread import Kept, Spread
 from cylforce.programs.common.unusable import unusable_samples
 from cylforce.readings.recording import Recording
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
 from cylforce.service.samples import samples
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason
@@ -147,4 +147,4 @@ class _Source:
         check_machine(self._path, recording.header, self._loaded)
         service = self._loaded.service
         events = watched(self._path, (e for e in recording.events if isinstance(e, Frame | Tick)), self._watch)
-        return samples(Assembler(service), events, round(1e6 / service.filters.rate_hz), self.unusable)
+        return samples(assembler(service), events, round(1e6 / service.filters.rate_hz), self.unusable)

@@ -29,7 +29,8 @@ from cylforce.programs.common.recorded import SHORTEST_S, chosen
 from cylforce.programs.fleet.store import stamp_of, stored_path
 from cylforce.programs.replay import replay
 from cylforce.readings.recording import Recording
-from cylforce.service.step import Core
+from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import Loaded, load_text
 
 PIECE = 1 << 20  # bytes that are read at once for the hash
@@ -183,10 +184,10 @@ def booked(job: Job, tares: Tares) -> Booked:
         core = Core(loaded.service, tares)
         source = open_pieces(stored_path(job.address), loaded.service, loaded.columns, report=_silent)
         if isinstance(source, Events):
-            played = replay(core, source.events, core.begin(), _nothing)
+            played = replay(WeighingService.start(core), source.events, _nothing)
         else:
             frames = sensor_frames(source, loaded.service)
-            played = replay(core, with_ticks(frames, core.period_us, _silent), core.begin(), _nothing)
+            played = replay(WeighingService.start(core), with_ticks(frames, core.period_us, _silent), _nothing)
     except Exception as error:  # noqa: BLE001 - a bad file must not end the work on the others
         return Booked((), (), _said(job.address, error))
     weights = played.bookings

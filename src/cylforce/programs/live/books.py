@@ -1,5 +1,6 @@
 """Link between the service and its records: changes are written, and totals are shown in the object dictionary."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cylforce
@@ -33,9 +34,10 @@ from cylforce.records.recorder import Recorder
 from cylforce.records.writing import BY_HAND, BookedBucket, Change, Start
 from cylforce.service.booking import Weighed
 from cylforce.service.commands import KG, PRODUCT, TARGET, TRAILER
-from cylforce.service.loading.cycle import LastBucket, ended
+from cylforce.service.loading.cycle import LastBucket
 from cylforce.service.loading.truck import Truck
-from cylforce.service.state import NOTHING_KEPT, Memory, State
+from cylforce.service.memory import NOTHING_KEPT, Memory
+from cylforce.service.service import WeighingService
 from cylforce.settings.identified import identified_seal
 from cylforce.settings.machine_file import Loaded
 from cylforce.settings.seal import user
@@ -84,28 +86,28 @@ class Ledger:
         """Enter new parameters into the audit trail."""
         self.audit(t_us, "reload", f"parameters: {seal}")
 
-    def look(self, state: State) -> None:
-        """Write a change of the state to the records, and show it."""
-        kept, books = state.memory, state.weighing.books
+    def look(self, service: WeighingService) -> None:
+        """Write a change of the service's memory to the records, and show it."""
+        kept, books = service.memory, service.bookings
         if is_new(kept.booking, self._kept.booking):
-            self._change(state, kept, None)
+            self._change(service, kept, None)
         elif books.dumped is None and books.booking is not self._written:
-            self._change(state, kept, books.booking)
+            self._change(service, kept, books.booking)
         elif changed(self._kept, kept):
-            self._change(state, kept, None)
+            self._change(service, kept, None)
         self._steps += 1
         if self._steps % OFTEN == 0:
             self._show_records()
 
-    def _change(self, state: State, kept: Memory, final: Booking | None) -> None:
+    def _change(self, service: WeighingService, kept: Memory, final: Booking | None) -> None:
         """Write a change to the records, and show it.
 
         final: a booking whose bucket has returned
         """
-        booked = _booked(state, self._kept)
+        booked = _booked(service, self._kept)
         if self._recorder is not None:
             said = words(self._kept, kept)
-            self._recorder.put(Change(state.estimate.t_us, kept, booked, said, final))
+            self._recorder.put(Change(service.estimate.t_us, kept, booked, said, final))
         self._kept = kept
         if booked is not None or final is not None:
             self._written = kept.booking
@@ -159,14 +161,14 @@ def _decided(truck: Truck) -> tuple[object, ...]:
     return truck.number, *aims, truck.product, tuple((b.number, b.accepted) for b in truck.buckets)
 
 
-def _booked(state: State, before: Memory) -> BookedBucket | None:
+def _booked(service: WeighingService, before: Memory) -> BookedBucket | None:
     """Return a new booking with its cycle; None without one."""
-    booking, cycle = state.weighing.books.booking, ended(state.ended)
+    booking, cycle = service.bookings.booking, service.ended.figures
     if booking is None or not is_new(booking, before.booking):
         return None
     if booking.by_hand:
         return BookedBucket(booking, LastBucket(0.0, 0.0, 0.0), 0.0, BY_HAND)
-    return BookedBucket(booking, cycle, state.drift.mass, state.estimate.load.mass.status.name)
+    return BookedBucket(booking, cycle, service.drift.mass, service.estimate.load.mass.status.name)
 
 
 def words(before: Memory, after: Memory) -> str:
@@ -212,7 +214,7 @@ def kept_by(recorder: Recorder | None, identified: Path | None) -> Memory:
     kept, elsewhere = recorder.kept if recorder else NOTHING_KEPT, from_elsewhere(identified)
     if elsewhere:
         warn(f"{identified}: is of another controller: nothing is OK until `cylforce seal` confirms it here")
-    return kept._replace(unconfirmed=elsewhere)
+    return replace(kept, unconfirmed=elsewhere)
 
 
 def from_elsewhere(identified: Path | None) -> bool:

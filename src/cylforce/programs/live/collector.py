@@ -12,16 +12,16 @@ from cylforce.can.bus import Bus
 from cylforce.canopen.startup import Stage
 from cylforce.commissioning.guidance import Advice, Collected, Guide
 from cylforce.files.logfile import LogWriter
-from cylforce.mechanics.installation import SensorNode
+from cylforce.mechanics.installation import SensorNode, Service
 from cylforce.programs.live.station import Station
 from cylforce.service import commands
-from cylforce.service.assembler import Assembler
+from cylforce.service.assembler import assembler
+from cylforce.service.commands import Answer
 from cylforce.service.loading.truck import NOT_NOW
 from cylforce.service.samples import is_whole, skipped
-from cylforce.service.state import NOTHING, Output
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
-from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.events import Frame
 
 PATIENCE_S = 3.0  # without a complete sample, after which the picture reports it
 STILL_S = 30.0  # without motion, after which the picture reports it
@@ -50,54 +50,58 @@ class View(NamedTuple):
         return self.trouble or self.advice.instruction
 
 
-class Collector(Station[None]):
+class Taker:
+    """Collects the samples of a station's events in rows.
+
+    sample:   the last one; None: none yet
+    rows:     samples (S,) that were not passed on yet, NaN where one is incomplete
+    whole_us: time of the last complete sample [us]
+    moved_us: time of the last motion [us]
+    """
+
+    def __init__(self, service: Service) -> None:
+        self._service, self._inputs = service, assembler(service)
+        self._missing = np.full(len(service.machine.signals), np.nan)
+        self.sample: Sample | None = None
+        self.rows: list[Array] = []
+        self.whole_us = self.moved_us = 0
+
+    def on_frame(self, frame: Frame) -> Answer | None:
+        """Add a frame to the sample, and return the answer to a command: zero and tare are refused without weighing."""
+        booted = commands.booted(frame)
+        if booted is not None:
+            self._inputs.restart(booted)
+            return None
+        self._inputs.receive((frame,))
+        if commands.read(frame, self._service.node_id) is None:
+            return None
+        return Answer(NOT_NOW, "refused: nothing is weighed during commissioning")
+
+    def on_tick(self, t_us: int) -> None:
+        """Append a row with the present sample; nothing is published."""
+        period_us = round(1e6 / self._service.filters.rate_hz)
+        if self.sample is None:
+            self.whole_us = self.moved_us = t_us
+        else:
+            self.rows += [self._missing] * skipped(t_us - self.sample.t_us, period_us)
+        self.sample = self._inputs.sample(t_us)
+        whole = is_whole(self.sample)
+        self.rows.append(self.sample.values if whole else self._missing)
+        if whole:
+            self.whole_us = t_us
+
+
+class Collector(Station):
     """Station that passes samples from the bus to the guidance, in a thread so that no tick is delayed."""
 
     def __init__(self, loaded: Loaded, guide: Guide, bus: Bus, log: LogWriter | None) -> None:
-        super().__init__(loaded.service, self._collect, None, bus, log)
+        self.taker = Taker(loaded.service)
+        super().__init__(loaded.service, self.taker, bus, log)
         self.service, self.guide = loaded.service, guide
         self.collected: Collected = guide.begin()
-        self._assembler = Assembler(self.service)
-        self._inputs = self._assembler.begin()
-        self._sample: Sample | None = None
-        self._rows: list[Array] = []
-        self._missing = np.full(len(self.service.machine.signals), np.nan)
-        self._still = self._assembler.still
-        self._began_us = self._whole_us = self._moved_us = 0
         self._moved_s = 0.0
         self._pool = ThreadPoolExecutor(1, "guidance")
         self._thought: Future[Collected] | None = None
-
-    def _collect(self, _: None, event: Event) -> tuple[None, Output]:
-        """Process an event; the station keeps its state itself."""
-        if isinstance(event, Frame):
-            return None, Output(self.received(event), words="refused: nothing is weighed during commissioning")
-        self.ticked(event)
-        return None, NOTHING
-
-    def received(self, frame: Frame) -> int | None:
-        """Add a frame to the sample, and return the verdict on a command: zero and tare are refused without
-        weighing.
-        """
-        booted = commands.booted(frame)
-        if booted is not None:
-            self._inputs = self._assembler.restart(self._inputs, booted)
-            return None
-        self._inputs = self._assembler.receive(self._inputs, (frame,), self._still)
-        return NOT_NOW if commands.read(frame, self.service.node_id) else None
-
-    def ticked(self, tick: Tick) -> None:
-        """Append a row with the present sample."""
-        period_us = round(1e6 / self.service.filters.rate_hz)
-        if self._sample is None:
-            self._whole_us = self._moved_us = tick.t_us
-        else:
-            self._rows += [self._missing] * skipped(tick.t_us - self._sample.t_us, period_us)
-        self._sample = self._assembler.sample(self._inputs, tick.t_us)
-        whole = is_whole(self._sample)
-        self._rows.append(self._sample.values if whole else self._missing)
-        if whole:
-            self._whole_us = tick.t_us
 
     def think(self) -> None:
         """Take the guidance's last result and pass it the samples since then. Raises the guidance's errors."""
@@ -105,17 +109,17 @@ class Collector(Station[None]):
             if not self._thought.done():
                 return
             self.collected, self._thought = self._thought.result(), None
-        if self.collected.moved_s != self._moved_s and self._sample is not None:
-            self._moved_s, self._moved_us = self.collected.moved_s, self._sample.t_us
-        if len(self._rows) >= THOUGHT_S * self.service.filters.rate_hz:
-            rows, self._rows = np.array(self._rows), []
+        if self.collected.moved_s != self._moved_s and self.taker.sample is not None:
+            self._moved_s, self.taker.moved_us = self.collected.moved_s, self.taker.sample.t_us
+        if len(self.taker.rows) >= THOUGHT_S * self.service.filters.rate_hz:
+            rows, self.taker.rows = np.array(self.taker.rows), []
             longest = int(self.service.health.hold_s * self.service.filters.rate_hz)
             self._thought = self._pool.submit(self.guide.absorb, self.collected, rows, longest)
 
     def view(self) -> View:
         """Return the present view."""
-        advice, now_us = self.guide.advice(self.collected), 0 if self._sample is None else self._sample.t_us
-        deaf_s, still_s = (1e-6 * (now_us - since) for since in (self._whole_us, self._moved_us))
+        advice, now_us = self.guide.advice(self.collected), 0 if self.taker.sample is None else self.taker.sample.t_us
+        deaf_s, still_s = (1e-6 * (now_us - since) for since in (self.taker.whole_us, self.taker.moved_us))
         return View(advice, self._here(), deaf_s, still_s, self._trouble(deaf_s, still_s, advice))
 
     def close(self) -> None:
@@ -124,9 +128,9 @@ class Collector(Station[None]):
 
     def _here(self) -> Array:
         size = self.service.machine.size
-        if self._sample is None or not is_whole(self._sample):
+        if self.taker.sample is None or not is_whole(self.taker.sample):
             return np.full(size, np.nan)
-        return np.asarray(self.guide.model.channels.read(self._sample.values)[:size])
+        return np.asarray(self.guide.model.channels.read(self.taker.sample.values)[:size])
 
     def _trouble(self, deaf_s: float, still_s: float, advice: Advice) -> str | None:
         if self.log is not None and self.log.failure:
@@ -138,7 +142,7 @@ class Collector(Station[None]):
         return None
 
     def _missing_sensors(self) -> str:
-        sample = self._sample
+        sample = self.taker.sample
         assert sample is not None  # noqa: S101  # there is no trouble before the first tick
         names = [s.name for s in self.service.machine.signals]
         bad: dict[str, Reason] = {n: r for n, r in zip(names, sample.reasons, strict=True) if r is not Reason.NONE}

@@ -14,6 +14,7 @@ from cylforce.programs.common.readings import make_core
 from cylforce.programs.live.books import from_elsewhere, sealed_as
 from cylforce.programs.live.notify import Manager
 from cylforce.service.core import Core
+from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import Loaded
 
 NO_FILE = "the service runs without an identified file: start it again with --identified"
@@ -46,7 +47,7 @@ def read_anew(loaded: Loaded, identified: Path) -> Parameters:
     check_ordinary(identified)
     begun = file_sha256(identified)
     core = make_core(loaded, identified, warnings.append)
-    core.begin()  # computations made once are made here, beside the loop
+    WeighingService.start(core)  # computations made once are made here, beside the loop
     found = Parameters(
         core, file_sha256(identified), sealed_as(identified), tuple(warnings), from_elsewhere(identified)
     )

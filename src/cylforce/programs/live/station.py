@@ -1,11 +1,11 @@
-"""Our node on a bus, with one event loop and one clock. Every event is logged, then passed to the step; meanwhile the
-sensors are commissioned by tasks of the same loop."""
+"""Our node on a bus, with one event loop and one clock. Every event is logged, then passed to its handler; meanwhile
+the sensors are commissioned by tasks of the same loop."""
 
 import asyncio
 import gc
 import signal
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol
 
 import structlog
 
@@ -21,12 +21,10 @@ from cylforce.files.logfile import LogWriter
 from cylforce.mechanics.installation import Service
 from cylforce.programs.live.edge import Edge
 from cylforce.programs.live.notify import Manager
-from cylforce.service.publication import timetable
-from cylforce.service.state import Output
+from cylforce.service.commands import Answer
+from cylforce.service.publication import Encoders, timetable
+from cylforce.signals.estimate import Estimate
 from cylforce.signals.events import Event, Frame, Tick
-
-S = TypeVar("S")  # the step's state
-Step = Callable[[S, Event], tuple[S, Output]]
 
 _CODE = PROTECTION.to_bytes(2, "little") + bytes([CODE])
 OVERRUN = 0xFF31  # EMCY code (manufacturer's): the loop was late
@@ -46,19 +44,23 @@ class Counts(NamedTuple):
     overruns: int = 0
 
 
-class Station(Generic[S]):
-    """Service on a bus: `step(state, event)` returns the new state and the output. `code`: see Access."""
+class Handler(Protocol):
+    """Receiver of a station's events."""
+
+    def on_frame(self, frame: Frame) -> Answer | None:
+        """Process a frame; return the answer to a command, None for any other frame."""
+
+    def on_tick(self, t_us: int) -> Estimate | None:
+        """Process a tick at a time [us]; return the estimate to publish, None: nothing is published."""
+
+
+class Station:
+    """Service on a bus: `handler` processes the events and returns the estimates to publish. `code`: see Access."""
 
     def __init__(
-        self,
-        service: Service,
-        step: Step[S],
-        state: S,
-        bus: Bus,
-        log: LogWriter | None,
-        code: int | None = None,
+        self, service: Service, handler: Handler, bus: Bus, log: LogWriter | None, code: int | None = None
     ) -> None:
-        self._step, self.state = step, state
+        self.handler, self._encoders = handler, Encoders(service.publication)
         self._timetable = timetable(service.publication, service.filters.rate_hz)
         self.bus, self.log = bus, log
         self.counts = Counts()
@@ -114,13 +116,13 @@ class Station(Generic[S]):
             self.log.close()
 
     def on_frame(self, frame: Frame) -> None:
-        """Log a frame, pass it to the step, then to our node, which answers a command with the step's verdict."""
+        """Log a frame, pass it to the handler, then to our node, which answers a command with the handler's verdict."""
         self._keep(without_code(frame, self.node.node_id))
-        self.state, out = self._step(self.state, frame)
-        self._verdict = out.verdict
-        if out.verdict is not None:
-            say = self._tell.warning if out.verdict else self._tell.info
-            say("command", words=out.words, abort=hex(out.verdict))
+        answer = self.handler.on_frame(frame)
+        if answer is not None:
+            self._verdict = answer.verdict
+            say = self._tell.warning if answer.verdict else self._tell.info
+            say("command", words=answer.words, abort=hex(answer.verdict))
         self.edge.on_frame(frame)
         self.network.on_frame(frame)
         self._verdict = None
@@ -138,7 +140,7 @@ class Station(Generic[S]):
         """Do nothing after a frame; subclasses override it."""
 
     def on_timer(self) -> None:
-        """Log a tick, pass it to the step and send its results; then SYNC requests the next samples.
+        """Log a tick, pass it to the handler and send its results; then SYNC requests the next samples.
 
         Missed ticks are skipped and counted.
         """
@@ -150,9 +152,10 @@ class Station(Generic[S]):
         tick = Tick(self._timer.deadline_us)
         self.before_tick(tick.t_us)
         self._keep(tick)
-        self.state, out = self._step(self.state, tick)
-        for number, data in out.due(self.due):
-            self.node.publish(number, data)
+        estimate = self.handler.on_tick(tick.t_us)
+        if estimate is not None:
+            for number, data in self._encoders.due(estimate, self.due):
+                self.node.publish(number, data)
         self.node.produce_sync()
         self.network.poll(tick.t_us)
         self._say_overruns(late, tick.t_us)
@@ -215,7 +218,7 @@ def without_code(frame: Frame, node_id: int) -> Frame:
 
 
 async def serve(
-    station: Station[S],
+    station: Station,
     until: asyncio.Event,
     look: Callable[[], None],
     every_s: float = 1.0,

@@ -1,16 +1,15 @@
 """What happens at the teeth: contact begins and ends, the soil is left, a stiff object, another slope of the ground."""
 
-from array import array
 from dataclasses import dataclass
 from math import erf, hypot, sqrt
-from typing import NamedTuple
+from typing import Self
 
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
-from cylforce.service.contact.noise import Solved
+from cylforce.service.contact.noise import SolvedForce
 from cylforce.service.contact.slope import NO_COURSE, Course, kink
+from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.contact import KEPT, ContactEvent, EventKind
-from cylforce.signals.quick import new, once
 
 # Fitted on machines of another generator (`tools/accuracy events --foreign`), see tools/studies/README.md.
 BEGINS = 64.0  # f' (C + e e')^-1 f at which contact begins: 8 standard errors, e: error of a force that is late
@@ -26,109 +25,144 @@ DUG_M = 0.3  # m of path in contact, from which on its end is a transition from 
 AGAIN_S = 1.0  # s from one stiff object to the next
 
 
-class Touch(NamedTuple):
-    """State: whether the tool is `touching`; seconds since it looked so last (`away`); since contact began, `seconds`
-    and path [m]; seconds since the last stiff object; the last RISE_S as force [N] and path [m] in turn; the course of
-    the ground; number of events so far and the KEPT last ones, newest last."""
+class ContactConstants(Constants):
+    """Limits of one machine.
 
+    smallest: least force of a contact [N]
+    jump:     least rise of the force that is a stiff object [N]
+    dt:       step [s]
+    window:   steps over which the rise of the force is measured
+    """
+
+    def __init__(self, rated_force: float, dt: float) -> None:
+        self.smallest, self.jump, self.dt = SMALLEST * rated_force, JUMP * rated_force, dt
+        self.window = max(2, round(RISE_S / dt))
+
+
+@dataclass(slots=True)
+class ContactDetector(Estimator):
+    """Contact of the tool, and its events. Weight in the bucket is no contact: a force that a hanging mass explains is
+    not counted, so that neither a load that is not known yet nor dumping it looks like contact.
+
+    constants:   limits
+    touching:    whether the tool is in contact
+    away:        seconds since it looked so last
+    seconds:     since contact began
+    path:        of the teeth since contact began [m]
+    since_stiff: seconds since the last stiff object, at most AGAIN_S
+    forces:      at the instants of the last RISE_S, oldest first [N]
+    paths:       of the teeth at these instants, from an arbitrary beginning on [m]
+    course:      of the ground
+    number:      of events so far
+    events:      the KEPT last ones, newest last
+    """
+
+    constants: ContactConstants
     touching: bool
     away: float
     seconds: float
     path: float
     since_stiff: float
-    recent: Numbers
+    forces: Numbers
+    paths: Numbers
     course: Course
     number: int
     events: tuple[ContactEvent, ...]
 
+    @classmethod
+    def start(cls, constants: ContactConstants) -> Self:
+        """Return the state before anything is seen."""
+        return cls(
+            constants,
+            touching=False,
+            away=0.0,
+            seconds=0.0,
+            path=0.0,
+            since_stiff=AGAIN_S,
+            forces=ZERO * (constants.window + 1),
+            paths=ZERO * (constants.window + 1),
+            course=NO_COURSE,
+            number=0,
+            events=(),
+        )
 
-@dataclass(frozen=True)
-class Watcher:
-    """The events of one machine. Weight in the bucket is no contact: a force that a hanging mass explains is not
-    counted, so that neither a load that is not known yet nor dumping it looks like contact."""
+    def interrupt(self) -> None:
+        """Forget all but the events after an interruption of the measurement."""
+        self.touching, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
+        self.since_stiff, self.course = AGAIN_S, NO_COURSE
+        self.forces, self.paths = ZERO * (self.constants.window + 1), ZERO * (self.constants.window + 1)
 
-    rated_force: float
-    rated_payload: float
-    dt: float
+    def update(
+        self, t_us: int, force: SolvedForce, late: tuple[float, float], place: complex, velocity: complex
+    ) -> None:
+        """Take one instant.
 
-    @once
-    def _window(self) -> int:
-        return max(2, round(RISE_S / self.dt))
+        late:     error (x, z) of the force because it is late [N]
+        place:    of the teeth, x + i z [m]
+        velocity: of the teeth [m/s]
+        """
+        dt, way = self.constants.dt, abs(velocity) * self.constants.dt
+        del self.forces[0], self.paths[0]
+        self.forces.append(hypot(force.x, force.z))
+        self.paths.append(self.paths[-1] + way)
+        self.since_stiff = min(self.since_stiff + dt, AGAIN_S)
+        if self.touching:
+            self.away = self.away + dt if force.clearness < ENDS else 0.0
+            self.seconds += dt
+            self.path += way
+            if self.away >= ENDING_S:
+                self._end(t_us, force, place)
+            else:
+                self._check_stiffness(t_us, force, place)
+                self._check_slope(t_us, place)
+            return
+        self.seconds = self.path = 0.0
+        large = hypot(force.x, force.z + force.weight) > self.constants.smallest
+        if force.clearness > BEGINS and large:
+            self._begin(t_us, clearness(force, late), place)
 
-    def begin(self) -> Touch:
-        """The state before anything is seen."""
-        return Touch(False, 0.0, 0.0, 0.0, AGAIN_S, ZERO * (2 * (self._window + 1)), NO_COURSE, 0, ())
+    def _begin(self, t_us: int, clear: float, place: complex) -> None:
+        if clear > BEGINS:
+            self.touching, self.away, self.course = True, 0.0, NO_COURSE
+            self._note(EventKind.CONTACT_BEGINS, t_us, place, probably(sqrt(clear), sqrt(BEGINS), 1.0))
 
-    def interrupt(self, state: Touch) -> Touch:
-        """The state after an interruption of the measurement; the events remain."""
-        return self.begin()._replace(number=state.number, events=state.events)
+    def _end(self, t_us: int, force: SolvedForce, place: complex) -> None:
+        kind = EventKind.SOIL_LEFT if self.path > DUG_M else EventKind.CONTACT_ENDS
+        self.touching, self.away = False, 0.0
+        self._note(kind, t_us, place, probably(sqrt(BEGINS) - sqrt(force.clearness), sqrt(BEGINS), 1.0))
 
-    def step(
-        self, state: Touch, t_us: int, seen: Solved, late: tuple[float, float], place: complex, velocity: complex
-    ) -> Touch:
-        """The state after one instant: the force, its error (x, z) [N] because it is `late`, `place` [m] and `velocity`
-        [m/s] of the teeth as x + i z."""
-        went, dt, now = abs(velocity) * self.dt, self.dt, (t_us, place)
-        recent = state.recent[2:] + array("d", (hypot(seen.x, seen.z), state.recent[-1] + went))
-        since = min(state.since_stiff + dt, AGAIN_S)
-        if not state.touching:
-            state = new(Touch, (False, state.away, 0.0, 0.0, since, recent, state.course, state.number, state.events))
-            if seen.clearness <= BEGINS or hypot(seen.x, seen.z + seen.weight) <= SMALLEST * self.rated_force:
-                return state
-            clear = clearness(seen, late)
-            return self._begun(state, now, clear) if clear > BEGINS else state
-        away = state.away + dt if seen.clearness < ENDS else 0.0
-        seconds, path = state.seconds + dt, state.path + went
-        state = new(Touch, (True, away, seconds, path, since, recent, state.course, state.number, state.events))
-        if away >= ENDING_S:
-            return self._ended(state, now, seen.clearness)
-        return self._slope(self._stiff(state, now, seen), now)
+    def _check_stiffness(self, t_us: int, force: SolvedForce, place: complex) -> None:
+        """Note a rise of the force over the path of the teeth that no soil has."""
+        rise, path = self.forces[-1] - self.forces[0], self.paths[-1] - self.paths[0]
+        enough = rise > self.constants.jump and path > CRAWL_M and self.path > INSIDE_M
+        if not (enough and rise > STIFF * path and self.since_stiff >= AGAIN_S):
+            return
+        error = sqrt(2.0 * (force.xx + force.zz))  # of a difference of two forces
+        self.since_stiff = 0.0
+        self._note(EventKind.STIFF_OBJECT, t_us, place, probably(rise, self.constants.jump, error))
 
-    def _begun(self, state: Touch, now: "Now", clearness: float) -> Touch:
-        state = state._replace(touching=True, away=0.0, course=NO_COURSE)
-        return self._note(state, EventKind.CONTACT_BEGINS, now, probably(sqrt(clearness), sqrt(BEGINS), 1.0))
+    def _check_slope(self, t_us: int, place: complex) -> None:
+        """Note another slope of the ground."""
+        self.course, confidence = kink(self.course, place)
+        if confidence is not None:
+            self._note(EventKind.SLOPE_CHANGES, t_us, place, confidence)
 
-    def _ended(self, state: Touch, now: "Now", clearness: float) -> Touch:
-        kind = EventKind.SOIL_LEFT if state.path > DUG_M else EventKind.CONTACT_ENDS
-        sure = probably(sqrt(BEGINS) - sqrt(clearness), sqrt(BEGINS), 1.0)
-        return self._note(state._replace(touching=False, away=0.0), kind, now, sure)
-
-    def _stiff(self, state: Touch, now: "Now", seen: Solved) -> Touch:
-        """A rise of the force over the path of the teeth that no soil has."""
-        rise, path = state.recent[-2] - state.recent[0], state.recent[-1] - state.recent[1]
-        enough = rise > JUMP * self.rated_force and path > CRAWL_M and state.path > INSIDE_M
-        if not (enough and rise > STIFF * path and state.since_stiff >= AGAIN_S):
-            return state
-        error = sqrt(2.0 * (seen.xx + seen.zz))  # of a difference of two forces
-        sure = probably(rise, JUMP * self.rated_force, error)
-        return self._note(state._replace(since_stiff=0.0), EventKind.STIFF_OBJECT, now, sure)
-
-    def _slope(self, state: Touch, now: "Now") -> Touch:
-        course, sure = kink(state.course, now[1])
-        if course is state.course:
-            return state
-        state = state._replace(course=course)
-        return state if sure is None else self._note(state, EventKind.SLOPE_CHANGES, now, sure)
-
-    def _note(self, state: Touch, kind: EventKind, now: "Now", sure: float) -> Touch:
-        number, (t_us, place) = state.number + 1, now
-        event = ContactEvent(number, t_us, kind, place.real, place.imag, sure)
-        return state._replace(number=number, events=(*state.events, event)[-KEPT:])
+    def _note(self, kind: EventKind, t_us: int, place: complex, confidence: float) -> None:
+        self.number += 1
+        event = ContactEvent(self.number, t_us, kind, place.real, place.imag, confidence)
+        self.events = (*self.events, event)[-KEPT:]
 
 
-def clearness(seen: Solved, late: tuple[float, float]) -> float:
+def clearness(force: SolvedForce, late: tuple[float, float]) -> float:
     """Return f' (C + e e')^-1 f of the force f less the weight in the bucket, e: its error (x, z) because it is late.
 
     A sharp start of the arm looks like a force until the late torque of inertia follows. While the force still changes
-    quickly, it is therefore not sure."""
-    x, z, (late_x, late_z) = seen.x, seen.z + seen.weight, late
-    xx, xz, zz = seen.xx + late_x * late_x, seen.xz + late_x * late_z, seen.zz + late_z * late_z
+    quickly, it is therefore not certain."""
+    x, z, (late_x, late_z) = force.x, force.z + force.weight, late
+    xx, xz, zz = force.xx + late_x * late_x, force.xz + late_x * late_z, force.zz + late_z * late_z
     return (zz * x * x - 2.0 * xz * x * z + xx * z * z) / (xx * zz - xz * xz)
 
 
-Now = tuple[int, complex]  # time [us] and place of the teeth
-
-
 def probably(value: float, limit: float, error: float) -> float:
-    """Probability that the true value exceeds half the limit, for a normal standard error."""
+    """Return the probability that the true value exceeds half the limit, for a normal standard error."""
     return 0.5 * (1.0 + erf((value - limit / 2.0) / (sqrt(2.0) * max(error, 1e-9))))

@@ -1,141 +1,144 @@
-"""From the rows of an instant to the two forces and the events: resultant of all that acts on the tool, and that of the
-soil, which is the resultant less the load in the bucket."""
+"""From the rows of an instant to the two forces and the events: resultant of all that acts on the tool, and force of
+the soil, which is the resultant less the load in the bucket."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Self
 
+from cylforce.estimation.kernel.functions import Kernel
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import SMALLEST
-from cylforce.service.contact.carried import Carrier, KnownLoad
-from cylforce.service.contact.events import Touch, Watcher
-from cylforce.service.contact.lateness import NOT_BEGUN, Lateness
-from cylforce.service.contact.noise import Noise, Solved, Unrest
+from cylforce.service.contact.carried import CarriedConstants, CarriedFilter
+from cylforce.service.contact.events import ContactConstants, ContactDetector
+from cylforce.service.contact.lateness import Lateness, RecentForces, no_forces
+from cylforce.service.contact.noise import NoiseConstants, SolvedForce, TorqueNoise
 from cylforce.service.force import ForceSensor
+from cylforce.service.loading.lift import Lift
 from cylforce.service.pipeline import Instant
-from cylforce.service.weighing import Weighing
-from cylforce.signals.estimate import Array, Force, Load, Reason, Status, invalid_force
-from cylforce.signals.quick import new, once
+from cylforce.service.snapshot import Constants, Estimator
+from cylforce.signals.estimate import Array, Force, Reason, invalid_force
 from cylforce.signals.units import STANDARD_GRAVITY
 
 STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
 
 
-class Interaction(NamedTuple):
-    """State: errors, load in the bucket, contact; `recent`: the last resultants, from which it follows how late the
-    present one is (`lateness.Lateness`)."""
+@dataclass(frozen=True, slots=True)
+class Forces:
+    """The forces of an instant.
 
-    unrest: Unrest
-    carried: KnownLoad
-    contact: Touch
-    recent: Numbers
-
-
-class Forces(NamedTuple):
-    """The resultant of all that acts on the tool, and the force of the soil."""
+    resultant: of all that acts on the tool
+    soil:      of the soil alone
+    """
 
     resultant: Force
     soil: Force
 
 
-@dataclass(frozen=True)
-class Interactor:
-    """The interaction of one machine with its surroundings; `delay_s`: of the published force [s]."""
+class ForceConstants(Constants):
+    """What the force of one machine needs.
 
-    model: Model
-    tares: Tares
-    rated_force: float
-    delay_s: float
+    sensor:    status of a force
+    published: lateness of the force on the bus: its filter, and all waits
+    filtered:  lateness against the torques of inertia and weight of the same instant: its filter alone, because all of
+               them wait alike
+    lightest:  mass below which a load does not count [kg]
+    acting:    of each row the cylinders that act on its joint
+    dt:        step [s]
+    """
 
-    @once
-    def _sensor(self) -> ForceSensor:
-        return ForceSensor(self.tares, self.rated_force)
+    def __init__(
+        self, model: Model, tares: Tares, rated_force: float, delay_s: float, kernel: Kernel | None = None
+    ) -> None:
+        self.sensor = ForceSensor(tares, rated_force)
+        self.published = Lateness(delay_s, model.fast.dt)
+        self.filtered = Lateness(model.fast.delay, model.fast.dt)
+        self.lightest = SMALLEST * model.machine.rated_payload
+        self.acting = tuple(tuple(acting) for acting in model.acting)
+        self.dt = 1.0 / model.filters.rate_hz
+        self.noise = NoiseConstants(model, tares, rated_force, kernel)
+        self.carried = CarriedConstants(model.machine, kernel)
+        self.contact = ContactConstants(rated_force, self.dt)
 
-    @once
-    def _noise(self) -> Noise:
-        return Noise(self.model, self.tares, self.rated_force)
 
-    @once
-    def _carrier(self) -> Carrier:
-        return Carrier(self.model.machine)
+@dataclass(slots=True)
+class ForceEstimator(Estimator):
+    """The interaction of one machine with its surroundings.
 
-    @once
-    def _published(self) -> Lateness:
-        """Of the force on the bus: its filter, and all waits."""
-        return Lateness(self.delay_s, self.model.fast.dt)
+    constants: of the machine
+    noise:     errors of the rows
+    carried:   the load in the bucket
+    contact:   of the tool with the ground
+    recent:    the last resultants, from which follows how late the present one is
+    """
 
-    @once
-    def _filtered(self) -> Lateness:
-        """Of the force against the torques of inertia and weight of the same instant: its filter alone, because all of
-        them wait alike."""
-        return Lateness(self.model.fast.delay, self.model.fast.dt)
+    constants: ForceConstants
+    noise: TorqueNoise
+    carried: CarriedFilter
+    contact: ContactDetector
+    recent: RecentForces
 
-    @once
-    def _watcher(self) -> Watcher:
-        return Watcher(self.rated_force, self.model.machine.rated_payload, 1.0 / self.model.filters.rate_hz)
+    @classmethod
+    def start(cls, constants: ForceConstants) -> Self:
+        """Return the state before any sample."""
+        return cls(
+            constants,
+            noise=TorqueNoise.start(constants.noise),
+            carried=CarriedFilter.start(constants.carried),
+            contact=ContactDetector.start(constants.contact),
+            recent=no_forces(),
+        )
 
-    def begin(self) -> Interaction:
-        """The state before any sample."""
-        return Interaction(self._noise.begin(), self._carrier.begin(), self._watcher.begin(), NOT_BEGUN)
+    def interrupt(self) -> None:
+        """Keep learned errors and events after an interruption of the measurement."""
+        self.noise.interrupt()
+        self.carried.forget()
+        self.contact.interrupt()
+        self.recent.clear()
 
-    def interrupt(self, state: Interaction) -> Interaction:
-        """The state after an interruption of the measurement: errors and events remain."""
-        unrest, contact = self._noise.interrupted(state.unrest), self._watcher.interrupt(state.contact)
-        return Interaction(unrest, self._carrier.begin(), contact, NOT_BEGUN)
+    def update(
+        self, instant: Instant, usable: Numbers, drift: Array, lift: Lift | None, t_us: int, undetected: Array
+    ) -> Forces:
+        """Return the forces of one instant.
 
-    def step(
-        self,
-        state: Interaction,
-        instant: Instant,
-        drift: Array,
-        usable: Numbers,
-        weighed: tuple[Weighing, Load],
-        t_us: int,
-        unnoticed: Array,
-    ) -> tuple[Interaction, Forces]:
-        """The state and the forces after one instant: its rows, the adapted friction and zeros `drift` (D,),
-        `usable` (R,) rows, weighing and load of the same step, time [us], torques (R, H) [N m] by probable errors of
-        signals."""
+        usable:     (R,) 1 where a row can be used
+        drift:      (D,) adapted friction and zeros
+        lift:       of the load that hangs; None: no load is known
+        t_us:       time [us]
+        undetected: (R, H) torques by probable errors of signals [N m]
+        """
         if not any(usable):
+            self.contact.interrupt()
+            self.recent.clear()
             nothing = invalid_force(Reason.DEAD_POINT)
-            contact = self._watcher.interrupt(state.contact)
-            return state._replace(contact=contact, recent=NOT_BEGUN), Forces(nothing, nothing)
-        carried = self._carried(state, *weighed)
-        unrest, solved = self._noise.solve(state.unrest, instant, usable, carried.values, drift, unnoticed)
-        force = (state.recent, solved.x, solved.z)
-        late = self._filtered.error(*force)
-        contact = self._watcher.step(state.contact, t_us, solved, late, instant.place, instant.velocity)
+            return Forces(nothing, nothing)
+        c, carried, contact = self.constants, self.carried, self.contact
+        carried.update(lift, c.dt, touching=contact.touching)
+        solved = self.noise.solve(instant, usable, carried.values, drift, undetected)
+        late = c.filtered.error(self.recent, solved.x, solved.z)
+        contact.update(t_us, solved, late, instant.place, instant.velocity)
         if carried.known and not contact.touching:
-            unrest = self._noise.learn(unrest, solved, carried.values, self._moving(usable, instant))
-        forces = self._forces(solved, carried, contact.touching, self._published.error(*force))
-        return new(Interaction, (unrest, carried, contact, self._published.keep(*force))), forces
+            self.noise.learn(solved, carried.values, self._moving(usable, instant.speed))
+        forces = self._forces(solved, c.published.error(self.recent, solved.x, solved.z))
+        self.recent.keep(solved.x, solved.z, c.published.steps)
+        return forces
 
-    def _forces(self, solved: Solved, carried: KnownLoad, touching: bool, late: tuple[float, float]) -> Forces:
-        """Both forces, wider by errors of signals and because they are `late` (x, z) [N]. The resultant is that of no
-        contact while nothing touches the tool or hangs in it. That of the soil is the resultant less the load; in the
-        air with a load that is not known yet: less the mass that explains most of it."""
+    def _forces(self, solved: SolvedForce, late: tuple[float, float]) -> Forces:
+        """Return both forces, with errors of signals and because they are late, (x, z) [N].
+
+        The resultant is that of no contact while nothing touches the tool or hangs in it. The soil's force is the
+        resultant less the load; in the air with a load that is not known yet: less the mass that explains most of
+        it."""
+        c, carried, touching = self.constants, self.carried, self.contact.touching
         hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
-        acts = bool(touching or abs(hanging) > SMALLEST * self.model.machine.rated_payload)
-        load = (carried.values, self._carrier.covariance(carried))
-        resultant, soil = self._noise.show(solved, *load, carried.known or touching, late)
-        return new(Forces, (self._sensor.force(resultant, acts, late), self._sensor.force(soil, touching, late)))
+        acts = bool(touching or abs(hanging) > c.lightest)
+        loaded = carried.known or touching
+        resultant, soil = self.noise.show(solved, carried.values, carried.covariance, late, loaded=loaded)
+        return Forces(c.sensor.force(resultant, acts, late), c.sensor.force(soil, touching, late))
 
-    def _carried(self, state: Interaction, weighing: Weighing, load: Load) -> KnownLoad:
-        known = load.mass.status is not Status.INVALID
-        lift = weighing.lift if known else None
-        return self._carrier.step(state.carried, lift, state.contact.touching, self._watcher.dt)
-
-    @once
-    def _acting(self) -> tuple[tuple[int, ...], ...]:
-        return tuple(tuple(acting) for acting in self.model.acting)
-
-    def _moving(self, usable: Numbers, instant: Instant) -> Numbers:
-        """The usable rows (R,) whose cylinders move: 1, else 0."""
-        speed, found = instant.speed, usable[:]
-        for row, acting in enumerate(self._acting):
-            for c in acting:
-                if abs(speed[c]) > STILL:
-                    break
-            else:
+    def _moving(self, usable: Numbers, speed: Numbers) -> Numbers:
+        """Return the usable rows (R,) whose cylinders move: 1, else 0."""
+        found = usable[:]
+        for row, acting in enumerate(self.constants.acting):
+            if not any(abs(speed[c]) > STILL for c in acting):
                 found[row] = 0.0
         return found

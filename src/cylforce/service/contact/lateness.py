@@ -6,9 +6,7 @@ from math import pi, sqrt, tan
 
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.mechanics.installation import Filters
-from cylforce.signals.quick import once
-
-NOT_BEGUN: Numbers = array("d")  # before the first force, or after an interruption
+from cylforce.service.snapshot import Estimator
 
 
 def wait_s(filters: Filters, period_s: float) -> float:
@@ -24,37 +22,49 @@ def force_delay_s(filters: Filters, period_s: float) -> float:
     return wait_s(filters, period_s) + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))
 
 
-@dataclass(frozen=True)
 class Lateness:
     """A force is that of `delay_s` ago. Its error is its rate of change times that delay.
 
-    delay_s: time [s] by which the force is late
-    dt:      step [s]
+    delay_s: time by which the force is late [s]
+    steps:   over which the rate of change is measured: the delay itself, in whole steps
+    share:   delay over the time of these steps
     """
 
-    delay_s: float
-    dt: float
+    def __init__(self, delay_s: float, dt: float) -> None:
+        self.delay_s = delay_s
+        self.steps = max(1, round(delay_s / dt))
+        self.share = delay_s / (self.steps * dt)
 
-    @once
-    def _steps(self) -> int:
-        """Steps over which the rate of change is measured: the delay itself."""
-        return max(1, round(self.delay_s / self.dt))
-
-    @once
-    def _share(self) -> float:
-        """Delay over the time in which the change is measured, 1 but for whole steps."""
-        return self.delay_s / (self._steps * self.dt)
-
-    def error(self, recent: Numbers, x: float, z: float) -> tuple[float, float]:
-        """Return the error (x, z) [N] of the force `x`, `z` [N]; `recent`: those of the steps before (`keep`)."""
-        if not recent:
+    def error(self, recent: "RecentForces", x: float, z: float) -> tuple[float, float]:
+        """Return the error (x, z) [N] of the force `x`, `z` [N], from the `recent` ones."""
+        if not recent.x:
             return 0.0, 0.0
-        first, share = max(len(recent) - 2 * self._steps, 0), self._share
-        return share * (x - recent[first]), share * (z - recent[first + 1])
+        first = max(len(recent.x) - self.steps, 0)
+        return self.share * (x - recent.x[first]), self.share * (z - recent.z[first])
 
-    def keep(self, recent: Numbers, x: float, z: float) -> Numbers:
-        """Return x and z [N] of the steps in turn that the next one needs, the newest last."""
-        kept = recent[2:] if len(recent) >= 2 * self._steps else recent[:]
-        kept.append(x)
-        kept.append(z)
-        return kept
+
+@dataclass(slots=True)
+class RecentForces(Estimator):
+    """The forces of the last steps, the newest last; empty before the first force.
+
+    x, z: components [N]
+    """
+
+    x: Numbers
+    z: Numbers
+
+    def keep(self, x: float, z: float, steps: int) -> None:
+        """Keep one more force [N], and no more than so many."""
+        if len(self.x) >= steps:
+            del self.x[0], self.z[0]
+        self.x.append(x)
+        self.z.append(z)
+
+    def clear(self) -> None:
+        """Forget all after an interruption."""
+        self.x, self.z = array("d"), array("d")
+
+
+def no_forces() -> RecentForces:
+    """Return the state before the first force."""
+    return RecentForces(x=array("d"), z=array("d"))

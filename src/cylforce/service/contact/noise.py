@@ -1,21 +1,23 @@
-"""The force at the tool at an instant, and how wrong its torque is: what is learned in the air, and two causes that are
-seen coming. The arithmetic is the kernel's (estimation/kernel/pushed.py)."""
+"""The force at the tool at an instant, and the error of its torque: what is learned in the air, and two causes that are
+foreseen. The arithmetic is the kernel's (estimation/kernel/pushed.py)."""
 
 from array import array
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.functions import Kernel
+from cylforce.estimation.kernel.layout import ForceLayout
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.service.contact.hanging_mass import HEAVIEST
 from cylforce.service.force import CLEAR, prior
 from cylforce.service.pipeline import Instant
+from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.estimate import Array
-from cylforce.signals.quick import new, once
 from cylforce.signals.units import STANDARD_GRAVITY
 
 # The figures below are measured on machines of another generator: see tools/studies/README.md.
@@ -28,16 +30,16 @@ LARGEST = 9.0  # normalised square above which a sample teaches no more than thi
 SHOWN = 14  # numbers of a force, see `pushed.publish`
 
 
-class Unrest(NamedTuple):
-    """State, as the kernel keeps it: covariance (R, R) [N^2 m^2] of the late torque of inertia; `reversing` (C,): 1
-    where a cylinder turns round, fading; learned variance (R,) [N^2 m^2]."""
+@dataclass(slots=True)
+class SolvedForce:
+    """The force that explains the residual torque of one instant.
 
-    kept: Numbers
-
-
-class Solved(NamedTuple):
-    """Force `x`, `z` [N] with covariance `xx`, `xz`, `zz` [N^2]; the weight [N] of the mass in the bucket that explains
-    most of it; how clear the rest is, f' C^-1 f; `kept`: what the kernel asks for again."""
+    x, z:       components [N]
+    xx, xz, zz: their covariance [N^2]
+    weight:     weight of the mass in the bucket that explains most of the force [N]
+    clearness:  f' C^-1 f of the rest f
+    numbers:    all that the kernel found (`ForceLayout`)
+    """
 
     x: float
     z: float
@@ -46,75 +48,95 @@ class Solved(NamedTuple):
     zz: float
     weight: float
     clearness: float
-    kept: Numbers
+    numbers: Numbers
 
 
-@dataclass(frozen=True)
-class Noise:
-    """The force of an instant and the errors of its rows. While the inertia changes, it is late; while a cylinder turns
-    round, the sign of its friction is; the rest is learned from the torque that is left in the air."""
+class NoiseConstants(Constants):
+    """What the force of one machine needs.
 
-    model: Model
-    tares: Tares
-    rated_force: float
-    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
+    layout: names for the places in the kernel's force
+    size:   of the part of the state that an interruption clears
+    """
 
-    @once
-    def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
-        rate = self.model.filters.rate_hz
-        keep = float(np.exp(-1.0 / (FADING_S * rate)))
-        heaviest = HEAVIEST * self.model.machine.rated_payload * STANDARD_GRAVITY
-        limits = Limits(keep=keep, late=LATE_S, largest=LARGEST, learning=LEARNING_S * rate, heaviest=heaviest)
-        return solver(self.model, self.tares, self.kernel, limits, prior(self.model.machine, self.rated_force))
+    def __init__(self, model: Model, tares: Tares, rated_force: float, kernel: Kernel | None = None) -> None:
+        self.kernel, rows = kernel or choice.chosen(), len(model.machine.rows)
+        self.layout = ForceLayout(rows)
+        self.size = rows**2 + len(model.machine.cylinders)
+        rate_hz = model.filters.rate_hz
+        keep = float(np.exp(-1.0 / (FADING_S * rate_hz)))
+        heaviest = HEAVIEST * model.machine.rated_payload * STANDARD_GRAVITY
+        limits = Limits(keep=keep, late=LATE_S, largest=LARGEST, learning=LEARNING_S * rate_hz, heaviest=heaviest)
+        self.solver = solver(model, tares, self.kernel, limits, prior(model.machine, rated_force))
+        learned = np.broadcast_to((PRIOR * tares.row_error) ** 2, (rows,))
+        self.learned = array("d", learned.tolist())
 
-    @once
-    def _rows(self) -> int:
-        return len(self.model.machine.rows)
 
-    @once
-    def _size(self) -> int:
-        return self._rows**2 + len(self.model.machine.cylinders)
+@dataclass(slots=True)
+class TorqueNoise(Estimator):
+    """Errors of the rows of an instant. While the inertia changes, its torque is late; while a cylinder reverses, the
+    sign of its friction is uncertain; the rest is learned from the residual torque in the air.
 
-    def begin(self) -> Unrest:
-        """The state before any sample."""
-        learned = np.broadcast_to((PRIOR * self.tares.row_error) ** 2, (self._rows,))
-        return Unrest(ZERO * self._size + array("d", learned.tolist()))
+    constants: of the machine
+    numbers:   covariance (R, R) of the late torque of inertia [N^2 m^2]; reversing (C,): 1 where a cylinder reverses,
+               fading; learned variance (R,) [N^2 m^2]; as the kernel keeps them
+    """
 
-    def interrupted(self, state: Unrest) -> Unrest:
-        """The state after an interruption of the measurement: what was learned remains."""
-        return Unrest(ZERO * self._size + state.kept[self._size :])
+    constants: NoiseConstants
+    numbers: Numbers
 
-    def solve(
-        self, state: Unrest, instant: Instant, usable: Numbers, load: Numbers, drift: Array, unnoticed: Array
-    ) -> tuple[Unrest, Solved]:
-        """The state, and the force that explains the torque of the rows marked in `usable` (R,), after one instant with
-        a `load` (4,) in the bucket and the values `drift` (D,) of the adapted friction and zeros; torques
-        `unnoticed` (R, H) [N m] by probable errors of signals."""
-        r = self._rows
-        after, found = ZERO * len(state.kept), ZERO * (8 * r + 11)
-        wrong, size = unnoticed, unnoticed.shape[1]
-        self.kernel.push(self._solver, instant.kept, usable, load, drift, wrong, size, state.kept, after, found)
-        x, z, xx, xz, _, zz = found[2 * r : 2 * r + 6]
-        seen = (x, z, xx, xz, zz, found[-5], found[-4], found)
-        return new(Unrest, (after,)), new(Solved, seen)
+    @classmethod
+    def start(cls, constants: NoiseConstants) -> Self:
+        """Return the state before any sample."""
+        return cls(constants, ZERO * constants.size + constants.learned)
 
-    def learn(self, state: Unrest, solved: Solved, load: Numbers, good: Numbers) -> Unrest:
-        """The state after the rows marked in `good` (R,) were left in the air with a load (4,)."""
-        after = state.kept[:]
-        self.kernel.learn(self._solver, solved.kept, good, load, after)
-        return new(Unrest, (after,))
+    def interrupt(self) -> None:
+        """Keep only the learned variance after an interruption of the measurement."""
+        size = self.constants.size
+        self.numbers = ZERO * size + self.numbers[size:]
+
+    def solve(self, instant: Instant, usable: Numbers, load: Numbers, drift: Array, undetected: Array) -> SolvedForce:
+        """Return the force that explains the residual torque of the usable rows.
+
+        usable:     (R,) 1 where a row can be used
+        load:       (4,) in the bucket
+        drift:      (D,) values of the adapted friction and zeros
+        undetected: (R, H) torques by probable errors of signals [N m]
+        """
+        c, place = self.constants, self.constants.layout
+        after, found = ZERO * len(self.numbers), ZERO * place.size
+        errors = undetected.shape[1]
+        c.kernel.push(c.solver, instant.numbers, usable, load, drift, undetected, errors, self.numbers, after, found)
+        self.numbers = after
+        return SolvedForce(
+            found[place.x],
+            found[place.z],
+            found[place.xx],
+            found[place.xz],
+            found[place.zz],
+            found[place.weight],
+            found[place.clearness],
+            found,
+        )
+
+    def learn(self, solved: SolvedForce, load: Numbers, good: Numbers) -> None:
+        """Learn from the rows marked in `good` (R,) in the air with a load (4,)."""
+        self.constants.kernel.learn(self.constants.solver, solved.numbers, good, load, self.numbers)
 
     def show(
-        self, solved: Solved, load: Numbers, covariance: Numbers, loaded: bool, late: tuple[float, float]
+        self, solved: SolvedForce, load: Numbers, covariance: Numbers, late: tuple[float, float], *, loaded: bool
     ) -> tuple[Numbers, Numbers]:
-        """What is published of the resultant, and of the force of the soil: less a load (4,) with covariance (4, 4) if
-        one is in the bucket (`loaded`), else less the mass that explains most of it (`pushed.publish`). Both are wrong
-        by the force `late` (x, z) [N] in addition."""
-        late_x, late_z = late
-        wider = solved.kept[:]
-        wider[-3] += late_x * late_x
-        wider[-2] += late_x * late_z
-        wider[-1] += late_z * late_z
+        """Return what is published of the resultant, and of the force of the soil (`pushed.publish`).
+
+        load:       (4,) in the bucket
+        covariance: (4, 4) of the load
+        late:       error (x, z) of both forces, because they are late [N]
+        loaded:     whether the load is in the bucket; else the soil's force is less the mass that explains most of it
+        """
+        c, place, (late_x, late_z) = self.constants, self.constants.layout, late
+        numbers = solved.numbers[:]
+        numbers[place.wider_xx] += late_x * late_x
+        numbers[place.wider_xz] += late_x * late_z
+        numbers[place.wider_zz] += late_z * late_z
         resultant, soil = ZERO * SHOWN, ZERO * SHOWN
-        self.kernel.show(self._solver, wider, load, covariance, loaded, CLEAR, resultant, soil)
+        c.kernel.show(c.solver, numbers, load, covariance, loaded, CLEAR, resultant, soil)
         return resultant, soil

@@ -2,22 +2,23 @@
 have in common. It does not correct the weight; it widens the error of every row (mechanics/README.md, section 3)."""
 
 from array import array
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Self
 
 from cylforce.estimation.kernel import choice, making
+from cylforce.estimation.kernel.functions import Kernel
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.residual import MIN_SECONDS
 from cylforce.service.loading.lift import Lift
-from cylforce.service.pipeline import Unexplained
+from cylforce.service.residual import InstantResidual
+from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.kinds import Kind
-from cylforce.signals.quick import new, once
 
 MEMORY_SECONDS = 4.0  # s over which the acceleration is averaged; chosen: two periods of a slowly rocking machine
-# s after which is looked again, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth
-# of a period of rocking on tyres
+# s between two looks, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth of a
+# period of rocking on tyres
 LAG_SECONDS = 0.1
 # m from the ground, about which a base turns, to the first pin: 1.7 to 2.1 on machines of 15 to 20 t
 PIN_HEIGHT = 2.0
@@ -25,91 +26,97 @@ FITS = 9.0  # mean squared remainder in standard errors (3 squared), above which
 WIDEST = 2.0  # m/s^2, standard error of an acceleration before anything is seen: tyres slide at 5; chosen
 
 
-NONE = array("d")
+class BaseConstants(Constants):
+    """What the motion of one machine's base needs.
+
+    inertial: whether an inertial sensor on the base measures it
+    lag:      steps between two looks
+    lag_s:    the same [s]
+    share:    of each look in the averages
+    noise:    variance of the angular acceleration that the tilt sensor's noise alone shows [rad^2/s^4]
+    settled:  samples of a lift before its load is used
+    """
+
+    def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
+        self.inertial, self.kernel, rate_hz = model.channels.inertial, kernel or choice.chosen(), model.filters.rate_hz
+        self.lag = max(round(LAG_SECONDS * rate_hz), 1)
+        self.lag_s, self.share = self.lag / rate_hz, self.lag / (MEMORY_SECONDS * rate_hz)
+        error = max((s.standard_error for s in model.machine.signals if s.kind is Kind.PITCH), default=0.0)
+        self.noise = 6.0 * error**2 / self.lag / self.lag_s**4
+        self.settled = MIN_SECONDS * rate_hz
+        self.parameters = len(model.parameters)
+        self.solver = solver(model, tares, self.kernel)
+        self.plan = making.plan(model, self.kernel.KernelPlan)
 
 
-class Rocking(NamedTuple):
-    """State: variances of the first pin's acceleration forwards and upwards [m^2/s^4] as the torques tell it, and
-    variance of the base's angular acceleration [rad^2/s^4] as the tilt tells it; the last mean pitches [rad], newest
-    last, and of the running mean the sum and the number; what is added to the variance of each row (R,) [N^2 m^2],
-    none: nothing."""
+@dataclass(slots=True)
+class BaseFilter(Estimator):
+    """How the base moves.
 
-    forward: float = 0.0
-    upward: float = 0.0
-    turning: float = 0.0
-    pitches: tuple[float, ...] = ()
-    total: float = 0.0
-    number: int = 0
-    wider: Numbers = NONE
+    constants: of the machine
+    forward:   variance of the first pin's acceleration forwards, as the torques show it [m^2/s^4]
+    upward:    variance of its acceleration upwards [m^2/s^4]
+    turning:   variance of the base's angular acceleration, as the tilt shows it [rad^2/s^4]
+    pitches:   the last mean pitches [rad], at most three, newest last
+    total:     sum of the running mean's pitches [rad]
+    number:    how many they are
+    wider:     (R,) added to the variance of each row [N^2 m^2]; empty: nothing
+    """
 
-    def interrupted(self) -> "Rocking":
-        """After a gap in the samples."""
-        return self._replace(pitches=(), total=0.0, number=0)
+    constants: BaseConstants
+    forward: float
+    upward: float
+    turning: float
+    pitches: tuple[float, ...]
+    total: float
+    number: int
+    wider: Numbers
 
+    @classmethod
+    def start(cls, constants: BaseConstants) -> Self:
+        """Return the state of a base that has not moved."""
+        return cls(constants, forward=0.0, upward=0.0, turning=0.0, pitches=(), total=0.0, number=0, wider=array("d"))
 
-STILL = Rocking()
+    def interrupt(self) -> None:
+        """Begin the mean pitches anew after a gap in the samples."""
+        self.pitches, self.total, self.number = (), 0.0, 0
 
+    def update(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
+        """Take one instant, and widen the variances of its residual.
 
-@dataclass(frozen=True)
-class Rocker:
-    """How the base of one machine moves."""
+        residual: `wider` of it is set
+        channels: (D,) the last three are pitch, roll, slew
+        lift:     before this instant
+        usable:   (R,) 1 where a row can be used
+        """
+        if self.constants.inertial:
+            return
+        self.total += channels[-3]
+        self.number += 1
+        if self.number >= self.constants.lag:
+            self._look(residual, channels, lift, usable)
+        if self.wider:
+            residual.wider = self.wider
 
-    model: Model
-    tares: Tares
-    kernel: Any = field(default_factory=lambda: choice.chosen())  # noqa: PLW0108 - asked when it is made
+    def _look(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
+        """Estimate the accelerations from a mean pitch, and from the torques that a settled load does not explain."""
+        c, rows = self.constants, len(usable)
+        self._tilt()
+        swings = PIN_HEIGHT**2 * max(self.turning - c.noise, 0.0)
+        settled = not lift.refused and lift.taken > c.settled
+        accelerations, wider = array("d", (self.forward, self.upward)), ZERO * rows
+        instant = (residual.rows, residual.numbers, lift.numbers, channels, settled and all(usable), swings)
+        room = (ZERO * rows, ZERO * c.parameters, ZERO * (2 * rows))
+        limits = (c.share, FITS, 1.0 / WIDEST**2)
+        c.kernel.rock(c.plan, c.solver, *instant, *limits, *room, accelerations, wider)
+        self.forward, self.upward = accelerations
+        self.wider = wider
 
-    @once
-    def _lag(self) -> int:
-        return max(round(LAG_SECONDS * self.model.filters.rate_hz), 1)
-
-    @once
-    def _solver(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
-        return solver(self.model, self.tares, self.kernel)
-
-    @once
-    def _plan(self) -> Any:  # noqa: ANN401 - the compiled or the interpreted class
-        return making.plan(self.model, self.kernel.KernelPlan)
-
-    @once
-    def _share(self) -> float:
-        return self._lag / (MEMORY_SECONDS * self.model.filters.rate_hz)
-
-    @once
-    def _noise(self) -> float:
-        """Variance of the angular acceleration that the tilt sensor's noise alone shows [rad^2/s^4]."""
-        error = max((s.standard_error for s in self.model.machine.signals if s.kind is Kind.PITCH), default=0.0)
-        return 6.0 * error**2 / self._lag / (self._lag / self.model.filters.rate_hz) ** 4
-
-    def step(
-        self, state: Rocking, left: Unexplained, channels: Numbers, lift: Lift, usable: Numbers
-    ) -> tuple[Rocking, Unexplained]:
-        """The state, and what is left with wider variances, after one instant: `channels` (D,), the present `lift`
-        before it, `usable` (R,) rows. Looked at every LAG_SECONDS; what a load leaves of the torques is asked once the
-        lift is settled."""
-        if self.model.channels.inertial:
-            return state, left
-        forward, upward, turning, pitches, total, number, wider = state
-        state = new(Rocking, (forward, upward, turning, pitches, total + channels[-3], number + 1, wider))
-        if state.number >= self._lag:
-            state = self._looked(state, left, channels, lift, usable)
-        return state, new(Unexplained, (left.rows, left.kept, state.wider)) if state.wider else left
-
-    def _looked(self, state: Rocking, left: Unexplained, channels: Numbers, lift: Lift, usable: Numbers) -> Rocking:
-        state = self._tilted(state)
-        swings = PIN_HEIGHT**2 * max(state.turning - self._noise, 0.0)
-        settled = not lift.refused and lift.taken > MIN_SECONDS * self.model.filters.rate_hz
-        found, wider, rows = array("d", (state.forward, state.upward)), ZERO * len(usable), len(usable)
-        seen = (left.rows, left.kept, lift.kept, channels, settled and all(usable), swings)
-        work = (ZERO * rows, ZERO * len(self.model.parameters), ZERO * (2 * rows))
-        self.kernel.rock(self._plan, self._solver, *seen, self._share, FITS, 1.0 / WIDEST**2, *work, found, wider)
-        return new(Rocking, (*found, *state[2:-1], wider))
-
-    def _tilted(self, state: Rocking) -> Rocking:
-        """With one mean pitch more."""
-        pitches = (*state.pitches, state.total / state.number)[-3:]
-        turning = state.turning
-        if len(pitches) == 3:
-            before, middle, after = pitches
-            turn = (after - 2.0 * middle + before) / (self._lag / self.model.filters.rate_hz) ** 2
-            turning += self._share * (turn**2 - turning)
-        return new(Rocking, (state.forward, state.upward, turning, pitches, 0.0, 0, state.wider))
+    def _tilt(self) -> None:
+        """Take one mean pitch; three of them give an angular acceleration."""
+        self.pitches = (*self.pitches, self.total / self.number)[-3:]
+        self.total, self.number = 0.0, 0
+        if len(self.pitches) == 3:
+            before, middle, after = self.pitches
+            acceleration = (after - 2.0 * middle + before) / self.constants.lag_s**2
+            self.turning += self.constants.share * (acceleration**2 - self.turning)

@@ -13,26 +13,31 @@ NO_COURSE: Course = ()  # that has not begun
 
 
 def kink(course: Course, place: complex) -> tuple[Course, float | None]:
-    """The course, at most the points of two pieces, with the present place [m]; and the confidence with which the slope
-    has changed between its last two straight pieces; None: it has not."""
+    """Return the course with the present place, and the confidence with which the slope has changed between its last
+    two straight pieces; None: it has not.
+
+    course: at most the points of two pieces
+    place:  of the teeth, x + i z [m]
+    """
     x, z = place.real, place.imag
     if course and hypot(x - course[-1][0], z - course[-1][1]) < EVERY_M:
         return course, None
     points = (*course, (x, z))[-2 * POINTS + 1 :]
     if len(points) < 2 * POINTS - 1:
         return points, None
-    before, after = line(points[:POINTS]), line(points[POINTS - 1 :])
-    straight = max(before[1], after[1]) < LARGEST_BEND
-    turn = abs((after[0] - before[0] + pi / 2.0) % pi - pi / 2.0)
-    if not straight or turn < TURN:
+    (slope_before, bend_before), (slope_after, bend_after) = line(points[:POINTS]), line(points[POINTS - 1 :])
+    bend = max(bend_before, bend_after)
+    turn = abs((slope_after - slope_before + pi / 2.0) % pi - pi / 2.0)
+    if bend >= LARGEST_BEND or turn < TURN:
         return points, None
-    error = sqrt(2.0) * atan(max(before[1], after[1], 1e-4) / (EVERY_M * POINTS / sqrt(12.0)) / sqrt(POINTS))
+    error = sqrt(2.0) * atan(max(bend, 1e-4) / (EVERY_M * POINTS / sqrt(12.0)) / sqrt(POINTS))
     return points[POINTS - 1 :], min(1.0, 1.0 - 0.5 * exp(-((turn - TURN / 2.0) / error)))
 
 
 def line(points: Course) -> tuple[float, float]:
-    """Inclination [rad] of the line through points, and their rms distance from it [m]: the direction in which they
-    vary most, and the square root of the smaller variance."""
+    """Return the inclination [rad] of the line through points, and their rms distance from it [m].
+
+    The line is the direction in which the points vary most, the distance the square root of the smaller variance."""
     count = len(points)
     middle_x, middle_z = sum(x for x, _ in points) / count, sum(z for _, z in points) / count
     xx = sum((x - middle_x) ** 2 for x, _ in points)

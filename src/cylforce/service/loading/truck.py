@@ -1,7 +1,7 @@
 """The truck (or any other target) that is being loaded: which buckets it has received, and the operator's commands
 about it."""
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 from cylforce.signals.estimate import Booking
 
@@ -12,9 +12,15 @@ NOT_NOW = 0x08000022  # SDO abort code (CiA 301): refused because of the present
 TOO_FAR = 0x06090030  # SDO abort code (CiA 301): value range exceeded
 
 
-class Bucket(NamedTuple):
-    """A booked bucket: the booking's number, the mass that counts [kg], what left the bucket less the tare, whether it
-    does, and into which part of the truck it went."""
+@dataclass(frozen=True, slots=True)
+class Bucket:
+    """A booked bucket.
+
+    number:   of the booking
+    mass:     what left the bucket less the tare [kg]
+    accepted: whether its mass counts
+    part:     of the truck into which it went
+    """
 
     number: int
     mass: float
@@ -22,10 +28,21 @@ class Bucket(NamedTuple):
     part: int = 1
 
 
-class Truck(NamedTuple):
-    """The open truck: its number, target [kg] of the present part (0: none), number of its product (0: none), mass [kg]
-    and number of the buckets that count, the last KEPT buckets. `part`: 1 the truck itself, from 2 on its trailer, or
-    the rest of it for another product; mass `in_part` [kg]; targets [kg] of the `first` part and of the trailer."""
+@dataclass(frozen=True, slots=True)
+class Truck:
+    """The open truck.
+
+    number:  of the truck
+    target:  of the present part [kg]; 0: none
+    product: number of its product; 0: none
+    total:   mass of the buckets that count [kg]
+    filled:  number of these buckets
+    buckets: the last KEPT ones, accepted or not
+    part:    1 the truck itself, from 2 on its trailer, or the rest of it for another product
+    in_part: mass in the present part [kg]
+    first:   target of the first part [kg]
+    trailer: target of the trailer [kg]
+    """
 
     number: int = 1
     target: float = 0.0
@@ -42,8 +59,14 @@ class Truck(NamedTuple):
 NO_TRUCK = Truck()
 
 
-class Ruling(NamedTuple):
-    """The truck after a command; 0, or the SDO abort code with which it is refused; what was decided, in words."""
+@dataclass(frozen=True, slots=True)
+class Ruling:
+    """Result of a command about the truck.
+
+    truck:   after the command
+    verdict: 0: done; else the SDO abort code
+    words:   what was decided
+    """
 
     truck: Truck
     verdict: int
@@ -51,38 +74,38 @@ class Ruling(NamedTuple):
 
 
 def loaded(truck: Truck, booking: Booking, tare: float) -> Truck:
-    """The truck after one more bucket: what left it, less the `tare` [kg]."""
+    """Return the truck with one more bucket: what left it, less the `tare` [kg]."""
     mass = booking.dumped - tare
     buckets = (*truck.buckets, Bucket(booking.number, mass, part=truck.part))[-KEPT:]
-    return _changed(truck, truck.part, mass)._replace(filled=truck.filled + 1, buckets=buckets)
+    return replace(_changed(truck, truck.part, mass), filled=truck.filled + 1, buckets=buckets)
 
 
 def refined(truck: Truck, number: int, change: float) -> Truck:
-    """The truck when bucket `number` is known to have brought `change` [kg] more."""
+    """Return the truck when bucket `number` is known to have brought `change` [kg] more."""
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:
         return truck
-    buckets = tuple(b._replace(mass=b.mass + change) if b is found else b for b in truck.buckets)
-    return _changed(truck, found.part, found.accepted * change)._replace(buckets=buckets)
+    buckets = tuple(replace(b, mass=b.mass + change) if b is found else b for b in truck.buckets)
+    return replace(_changed(truck, found.part, found.accepted * change), buckets=buckets)
 
 
 def _changed(truck: Truck, part: int, by: float) -> Truck:
-    """The truck with a mass [kg] more in one of its parts."""
-    return truck._replace(total=truck.total + by, in_part=truck.in_part + (by if part == truck.part else 0.0))
+    """Return the truck with a mass [kg] more in one of its parts."""
+    return replace(truck, total=truck.total + by, in_part=truck.in_part + (by if part == truck.part else 0.0))
 
 
 def aimed(truck: Truck, target: float) -> Ruling:
-    """Another target [kg] of the present part; 0: none."""
+    """Set the target [kg] of the present part; 0: none."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
-    return Ruling(truck._replace(target=target), DONE, f"target set to {target:.1f} kg")
+    return Ruling(replace(truck, target=target), DONE, f"target set to {target:.1f} kg")
 
 
 def trailer_aimed(truck: Truck, target: float) -> Ruling:
-    """Another target [kg] of the trailer, or whatever part is next; 0: none."""
+    """Set the target [kg] of the trailer, or whatever part is next; 0: none."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
-    return Ruling(truck._replace(trailer=target), DONE, f"target of the trailer set to {target:.1f} kg")
+    return Ruling(replace(truck, trailer=target), DONE, f"target of the trailer set to {target:.1f} kg")
 
 
 def _too_far(truck: Truck, target: float) -> Ruling | None:
@@ -92,30 +115,30 @@ def _too_far(truck: Truck, target: float) -> Ruling | None:
 
 
 def next_part(truck: Truck) -> Ruling:
-    """On to the trailer, or to the rest of the truck for another product: a part with a target and a sum of its own."""
+    """Go on to the trailer, or to the rest of the truck for another product: a part with its own target and sum."""
     first = truck.target if truck.part == 1 else truck.first
-    after = truck._replace(part=truck.part + 1, in_part=0.0, first=first, target=truck.trailer)
+    after = replace(truck, part=truck.part + 1, in_part=0.0, first=first, target=truck.trailer)
     return Ruling(
         after, DONE, f"truck {truck.number}, part {truck.part} with {truck.in_part:.1f} kg, part {after.part} begun"
     )
 
 
 def of_product(truck: Truck, product: int) -> Ruling:
-    """Another product, from the next bucket on."""
+    """Set the product, from the next bucket on."""
     if not 0 <= product < 1 << 16:
         return Ruling(truck, TOO_FAR, f"product refused: {product} is not 0 (none) to 65535")
-    return Ruling(truck._replace(product=product), DONE, f"product {product} from the next bucket on")
+    return Ruling(replace(truck, product=product), DONE, f"product {product} from the next bucket on")
 
 
 def next_truck(truck: Truck) -> Ruling:
-    """An empty truck with the same targets and product."""
+    """Open an empty truck with the same targets and product."""
     target = truck.target if truck.part == 1 else truck.first
     after = Truck(truck.number + 1, target, truck.product, trailer=truck.trailer)
     return Ruling(after, DONE, f"truck {truck.number} closed with {truck.total:.1f} kg, truck {after.number} opened")
 
 
 def judged(truck: Truck, number: int, accepted: bool) -> Ruling:
-    """Bucket `number` of this truck is cancelled, or accepted again; once more has no further effect."""
+    """Cancel bucket `number` of this truck, or accept it again; once more has no further effect."""
     what = "accepted" if accepted else "cancelled"
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:
@@ -124,6 +147,6 @@ def judged(truck: Truck, number: int, accepted: bool) -> Ruling:
     if found.accepted is accepted:
         return Ruling(truck, DONE, f"booking {number} is {what} already")
     sign = 1 if accepted else -1
-    buckets = tuple(b._replace(accepted=accepted) if b is found else b for b in truck.buckets)
-    after = _changed(truck, found.part, sign * found.mass)._replace(filled=truck.filled + sign, buckets=buckets)
+    buckets = tuple(replace(b, accepted=accepted) if b is found else b for b in truck.buckets)
+    after = replace(_changed(truck, found.part, sign * found.mass), filled=truck.filled + sign, buckets=buckets)
     return Ruling(after, DONE, f"booking {number} {what}: {found.mass:.1f} kg")

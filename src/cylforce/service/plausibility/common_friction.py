@@ -1,7 +1,7 @@
 """Evidence for an error of one signal when all blocks have one friction.
 
-Each block alone may have any everyday friction, and pays for it with its prior. In cold oil friction is far from what
-it was at commissioning, but it is the same in all blocks: if each second paid for it anew, a slipped angle, which
+Each block alone may have any everyday friction, and pays for it with its prior. In cold oil friction is far from its
+value at commissioning, but it is the same in all blocks: if each second paid for it anew, a slipped angle, which
 explains a part of it, would become evident within half a minute. Here the hypotheses, with the error and without, each
 choose one friction for all blocks, and pay for it once. What differs from stroke to stroke each block still chooses
 itself."""
@@ -9,25 +9,43 @@ itself."""
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cylforce.service.plausibility.blocks import CONTACT, LEAST, MOST, Block, cost
+from cylforce.service.plausibility.pressure_groups import Mask
 from cylforce.signals.estimate import Array
 
-Mask = NDArray[np.bool_]
+
+@dataclass(frozen=True, slots=True)
+class FrictionFit:
+    """One friction of all blocks, fitted beside errors of a signal.
+
+    costs:    (B,) what each block leaves, in squares of standard errors
+    price:    of the friction, by its prior
+    friction: (F,) in standard errors by which strokes differ
+    """
+
+    costs: Array
+    price: float
+    friction: Array
+
+    @property
+    def total(self) -> float:
+        """What blocks and prior leave together."""
+        return float(self.costs.sum()) + self.price
 
 
 @dataclass(frozen=True)
 class OneFriction:
-    """Blocks of one window (B), and what their costs are with a friction f (F,) that all of them share.
+    """Blocks of one window (B), and their costs with a friction f (F,) that all of them share.
 
     blocks: with their `rows`, `masses` and `belief`
-    rated:  payload [kg]"""
+    rated:  payload [kg]
+    """
 
     blocks: Block
     rated: float
 
-    def better(self, signal: int, size: float, begin: int, harmless: Array, scatter: Array, most: float) -> float:
+    def evidence(self, signal: int, size: float, begin: int, harmless: Array, scatter: Array, most: float) -> float:
         """Return twice the log likelihood ratio of an error and of none.
 
         signal:   number of the signal that is off
@@ -35,46 +53,47 @@ class OneFriction:
         begin:    the block from which on it is off
         harmless: (B,) size up to which an error changes no weight
         scatter:  (B,) variance that each block's torques have beyond that of commissioning
-        most:     largest vote of one block"""
+        most:     largest vote of one block
+        """
         number = len(self.blocks.left)
-        wrong = np.where(np.arange(number) >= begin, size, 0.0)
+        errors = np.where(np.arange(number) >= begin, size, 0.0)
         plain, explained = (cost(self.blocks, x, self.rated)[:, signal] < self._contact for x in (0.0, size))
-        after = np.where(wrong != 0.0, explained, plain)
+        after = np.where(errors != 0.0, explained, plain)
         none = self._best(signal, np.zeros(number), (plain, plain | after))
-        error = self._best(signal, wrong, (after, plain | after))
-        as_is = np.minimum(none[0], self._cost(none[2], signal, np.clip(wrong, -harmless, harmless)))
-        votes = np.clip((as_is - error[0]) / scatter, -most, most)
-        return float(votes.sum() + none[1] - error[1])
+        error = self._best(signal, errors, (after, plain | after))
+        as_is = np.minimum(none.costs, self._cost(none.friction, signal, np.clip(errors, -harmless, harmless)))
+        votes = np.clip((as_is - error.costs) / scatter, -most, most)
+        return float(votes.sum() + none.price - error.price)
 
     @property
     def _contact(self) -> Array:
         """Costs (B,) of blocks that no load explains."""
         return CONTACT * self.blocks.weight[:, 0]
 
-    def _best(self, signal: int, wrong: Array, choices: tuple[Mask, ...]) -> tuple[Array, float, Array]:
-        """Return costs (B,), the price of the friction, and the friction (F,) that costs least with errors `wrong` (B,)
-        of a signal. Blocks in contact say nothing of friction; which those are is one of the `choices` (B,)."""
+    def _best(self, signal: int, errors: Array, choices: tuple[Mask, ...]) -> FrictionFit:
+        """Return the friction with the least cost, beside `errors` (B,) of a signal. Blocks in contact are no evidence
+        about friction; which those are is one of the `choices` (B,)."""
         mean, spread = self.blocks.belief[-1]
-        found = []
+        fits = []
         for used in choices:
-            friction = self._fitted(signal, wrong, used)
+            friction = self._fitted(signal, errors, used)
             price = float((((friction - mean) / spread) ** 2).sum())
-            found.append((self._cost(friction, signal, wrong), price, friction))
-        return min(found, key=lambda each: float(each[0].sum()) + each[1])
+            fits.append(FrictionFit(self._cost(friction, signal, errors), price, friction))
+        return min(fits, key=lambda fit: fit.total)
 
-    def _fitted(self, signal: int, wrong: Array, used: Mask) -> Array:
-        """Return the friction (F,) that explains the `used` blocks (B,) best, beside errors `wrong` (B,)."""
+    def _fitted(self, signal: int, errors: Array, used: Mask) -> Array:
+        """Return the friction (F,) that explains the `used` blocks (B,) best, beside `errors` (B,)."""
         (mean, spread), rows = self.blocks.belief[-1], self.blocks.rows[used]
         size = len(mean)
-        left = rows[:, :size, -1] - wrong[used, None] * rows[:, :size, size + signal]
+        left = rows[:, :size, -1] - errors[used, None] * rows[:, :size, size + signal]
         information = rows[:, :size, :size].sum(axis=0) + np.diag(spread**-2)
         return np.linalg.solve(information, left.sum(axis=0) + mean / spread**2)
 
-    def _cost(self, friction: Array, signal: int, wrong: Array) -> Array:
+    def _cost(self, friction: Array, signal: int, errors: Array) -> Array:
         """Return what blocks leave (B,), at most that of a block in contact; that much for an impossible mass."""
         parts = np.zeros(self.blocks.masses.shape)
         parts[:, : len(friction)], parts[:, -1] = -friction, 1.0
-        parts[:, len(friction) + signal] = -wrong
+        parts[:, len(friction) + signal] = -errors
         left = np.einsum("bi,bij,bj->b", parts, self.blocks.rows, parts)
         mass, spread = (parts * self.blocks.masses).sum(axis=1), self.blocks.spread[:, 0]
         hangs = (mass > LEAST * self.rated - 3.0 * spread) & (mass < MOST * self.rated)

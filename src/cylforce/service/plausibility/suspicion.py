@@ -1,8 +1,8 @@
-"""What is suspected: which signals, of what, how surely."""
+"""What is suspected: which signals, of which fault, how surely."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
 
 
 class SensorFault(IntEnum):
@@ -19,12 +19,12 @@ class SensorFault(IntEnum):
     LIGHT = 8  # the bucket weighs less than nothing
     STEPPED = 9  # a pressure that leapt alone, and stayed there
     SWAPPED = 10  # pressures that leapt to where the others were
-    STRAYED = 11  # a pressure that said what its sensor cannot, and then a value again
+    STRAYED = 11  # a pressure that was outside its sensor's range, and then inside again
     MISPLACED = 12  # the empty bucket has moments that no mass in it has
 
 
 class Level(IntEnum):
-    """How surely: values are DEGRADED when a signal is doubted, INVALID when it is rejected."""
+    """How surely: values are DEGRADED when a signal is suspected (DOUBTED), INVALID when it is REJECTED."""
 
     FINE = 0
     DOUBTED = 1
@@ -32,27 +32,28 @@ class Level(IntEnum):
 
     @classmethod
     def of(cls, value: float, limits: Mapping["Level", float]) -> "Level":
-        """The highest level whose limit the value exceeds."""
-        found = cls.FINE
-        for level, most in limits.items():
-            if value > most and level > found:
-                found = level
-        return found
+        """Return the highest level whose limit the value exceeds."""
+        return max((level for level, limit in limits.items() if value > limit), default=cls.FINE)
 
 
-# a member of an enumeration takes longer to look up than a name
-FINE, LIGHT, STRAYED = Level.FINE, SensorFault.LIGHT, SensorFault.STRAYED
-STEPPED, SWAPPED = SensorFault.STEPPED, SensorFault.SWAPPED
-EXCHANGED, REJECTED = SensorFault.EXCHANGED, Level.REJECTED
-# Once rejected, until the service is started again: what a pressure itself shows
+# Latched once rejected, until the service is started again: what a pressure itself shows
 LATCHED = (SensorFault.BURST, SensorFault.IMPOSSIBLE)
-# The same once both directions of motion have confirmed it: what is concluded from many samples
+# Latched once both directions of motion have confirmed it: what is concluded from many samples
 LATCHED_IF_CONFIRMED = (SensorFault.SLIPPED, SensorFault.EXCHANGED)
+# Suspected at a moment, to be confirmed or refuted by the next motion in the air
+WAITING = (SensorFault.STEPPED, SensorFault.SWAPPED, SensorFault.STRAYED)
 
 
-class SensorDoubt(NamedTuple):
-    """A suspicion: `level`, `cause`, numbers of the `signals` of which one is wrong, and by how much (`size` [Pa, rad];
-    0: not known); whether motion in both directions has `confirmed` it."""
+@dataclass(frozen=True, slots=True)
+class SensorDoubt:
+    """A suspicion.
+
+    level:     how surely
+    cause:     the fault
+    signals:   numbers of the signals of which one is wrong
+    size:      by how much [Pa, rad]; 0: not known
+    confirmed: whether motion in both directions has confirmed it
+    """
 
     level: Level = Level.FINE
     cause: SensorFault = SensorFault.NONE
@@ -64,23 +65,24 @@ class SensorDoubt(NamedTuple):
     def latched(self) -> bool:
         """Whether it stays until the service is started again."""
         latches = self.cause in LATCHED or (self.confirmed and self.cause in LATCHED_IF_CONFIRMED)
-        return self.level is REJECTED and latches
+        return self.level is Level.REJECTED and latches
 
     @property
     def stays(self) -> bool:
-        """Whether it stays although nothing objects any more: until it is refuted by seconds in the air, or, where it
-        is latched, until the service is started again. Exchanged pressures push in one direction of motion only."""
-        return self.latched or (self.level is REJECTED and self.cause is EXCHANGED)
+        """Whether it stays although no detector reports it any more: until it is refuted by seconds in the air, or,
+        where it is latched, until the service is started again. Exchanged pressures push in one direction of motion
+        only."""
+        return self.latched or (self.level is Level.REJECTED and self.cause is SensorFault.EXCHANGED)
 
     @property
     def waits(self) -> bool:
-        """Whether the next motion in the air will say more: bookings wait for it."""
-        return self.cause is STEPPED or self.cause is SWAPPED or self.cause is STRAYED
+        """Whether the next motion in the air decides: bookings wait for it."""
+        return self.cause in WAITING
 
     @property
     def follows(self) -> bool:
         """Whether friction and zeros are still adapted: an empty bucket below nothing may be a drift."""
-        return self.level is FINE or self.cause is LIGHT
+        return self.level is Level.FINE or self.cause is SensorFault.LIGHT
 
 
 NOTHING_SUSPECTED = SensorDoubt()

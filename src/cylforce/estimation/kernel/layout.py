@@ -1,0 +1,236 @@
+"""Names for the places in the kernel's flat arrays, for the code around the kernel.
+
+R rows (measured torques), K columns, D channels, C cylinders, P parameters of the empty machine, S signals."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from cylforce.estimation.kernel.drifting import DRIFT
+from cylforce.estimation.kernel.inputs import SENDER, SIGNAL
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
+from cylforce.signals.estimate import Array
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Numbers of a machine's parts.
+
+    channels:  D, joint angles, cylinder forces, motion of the base
+    rows:      R, measured torques
+    columns:   K, of all effects
+    cylinders: C
+    """
+
+    channels: int
+    rows: int
+    columns: int
+    cylinders: int
+
+
+def part(numbers: Numbers, place: slice) -> Array:
+    """Return a view of a part of a flat array."""
+    return np.frombuffer(numbers)[place]
+
+
+class FilterLayout:
+    """Places in the state of the filters (`rows.state_size`).
+
+    raw:     (D,) last channels
+    smooth:  (3, D) the last three outputs of their low-pass, oldest first
+    waiting: (R,) steps for which a row is not used, because its filters still contain an unusable lever
+    begin:   the numbers that are set before the first step: channels, their low-pass and its outputs
+    """
+
+    def __init__(self, sizes: Sizes) -> None:
+        d, r, k = sizes.channels, sizes.rows, sizes.columns
+        self.raw = slice(0, d)
+        self.smooth = slice(3 * d, 6 * d)
+        self.begin = slice(0, 6 * d)
+        waiting = 6 * d + 3 * r * (k + 1)
+        self.waiting = slice(waiting, waiting + r)
+
+
+class RowLayout:
+    """Places in the rows of a step (`rows.rows_size`).
+
+    slow_columns: (R, K) columns for the weighing
+    slow_torque:  (R,) torques for the weighing [N m]
+    columns:      (R, K) columns of the instant, for the force
+    torque:       (R,) torques of the instant [N m]
+    change:       (R, K) time derivative of the columns of inertia [1/s]
+    reversing:    (C,) 1 where a cylinder is about to reverse
+    place:        x, z of the tool from the first pin [m]
+    velocity:     of the tool, x, z [m/s]
+    usable:       (R,) 1 where a row can be used
+    speed:        (C,) of the cylinders [m/s]
+    """
+
+    def __init__(self, sizes: Sizes) -> None:
+        r, k, c = sizes.rows, sizes.columns, sizes.cylinders
+        self.shape = (r, k)
+        ends = np.cumsum([0, r * k, r, r * k, r, r * k, c, c * r, 2, 2, r, c]).tolist()
+        places = [slice(begin, end) for begin, end in pairwise(ends)]
+        self.slow_columns, self.slow_torque, self.columns, self.torque, self.change = places[:5]
+        self.reversing, self.levers, self.place, self.velocity, self.usable, self.speed = places[5:]
+
+
+class LiftLayout:
+    """Places in the numbers of a lift (`weighed.take`).
+
+    factor:     (4, 4) triangle R of the information R'R on the load (m, m x, m z, J)
+    right:      (4,) right-hand side beside it
+    values:     (4,) estimate
+    covariance: (4, 4) of the estimate
+    gram:       (4, P + D) with which its sensitivity to tares and drift is covariance @ gram
+    """
+
+    factor = slice(0, VALUES - 4)
+    right = slice(VALUES - 4, VALUES)
+    values = slice(VALUES, COVARIANCE)
+    covariance = slice(COVARIANCE, GRAM)
+    gram = slice(GRAM, None)
+
+
+LIFT = LiftLayout()
+
+
+class GateLayout:
+    """Places in the intermediate results of R rows of an instant (`weighed.gate`).
+
+    columns:  (R, 4) of the load
+    torque:   (R,) residual torque, with the drift [N m]
+    variance: (R,) of it [N^2 m^2]
+    taken:    (R,) 1 where the row is taken into the lift
+    rested:   (R,) number of samples for which each row has been at rest, less those in motion since
+    size:     of all numbers
+    """
+
+    def __init__(self, rows: int) -> None:
+        self.columns = slice(0, 4 * rows)
+        self.torque, self.variance, self.taken, self.rested = (slice(k * rows, (k + 1) * rows) for k in range(4, 8))
+        self.size = 8 * rows
+
+
+class ConclusionLayout:
+    """Places in what is concluded of a lift (`weighed.conclude`), with P tares and D drifts.
+
+    mass:        [kg]
+    error:       its standard error [kg]
+    x, z:        centre of the load [m]
+    x_error, z_error: standard errors of the centre [m]
+    drifted:     standard error of the first moment by the drift [kg m]
+    size:        of all numbers, with the sensitivity (P + D,) of the mass
+    """
+
+    def __init__(self, parameters: int, drifts: int) -> None:
+        self.mass, self.error, self.x, self.z, self.x_error, self.z_error, self.drifted = range(7)
+        self.size = 7 + parameters + drifts
+
+
+class DriftLayout:
+    """Places in an update of D drifts (`followed.follow`), of which the information has N unknowns.
+
+    factor:     (N, N) triangle R of the information R'R
+    right:      (N,) right-hand side beside it
+    values:     (D,) drift
+    covariance: (D, D) of the drift
+    scale:      (2,) variance of friction and of zeros in units of the prior's
+    mass:       what the empty bucket would show without the adaptation [kg]
+    size:       of all numbers
+    """
+
+    def __init__(self, drifts: int) -> None:
+        n, d = DRIFT + drifts, drifts
+        ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
+        self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])
+        self.mass = ends[-1]
+        self.size = self.mass + 1
+
+
+class ResidualLayout:
+    """Places in the residual of R rows (`weighed.explain`).
+
+    torque:   (R,) residual torque of tares and drift [N m]
+    variance: (R,) without friction at rest [N^2 m^2]
+    rest:     (R,) variance of friction at rest [N^2 m^2]
+    """
+
+    def __init__(self, rows: int) -> None:
+        self.torque = slice(0, rows)
+        self.variance = slice(rows, 2 * rows)
+        self.rest = slice(2 * rows, 3 * rows)
+
+
+class SampleLayout:
+    """Places in the sample of S signals at a tick (`inputs.usable`).
+
+    values:  (S,) values [SI]
+    reasons: (S,) reason why each is not usable, as a number of `Reason`
+    late:    reason why one of them is late, as a number of `Reason`
+    leapt:   number of signals that have leapt
+    size:    of all numbers
+    """
+
+    def __init__(self, signals: int) -> None:
+        self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
+        self.late, self.leapt = 2 * signals, 2 * signals + 1
+        self.size = 2 * signals + 2
+
+
+class InputLayout:
+    """Places in the state of the sensors' inputs (`inputs.receive`): S signals, P PDOs, M nodes, frame counters.
+
+    arrivals:    time at which the frame of each signal's last accepted value was received [us]
+    second_us:   time of the last sign of a second producer of each PDO [us]
+    unknown:     number of frames with an unknown identifier
+    short, long: numbers of frames shorter or longer than their mapping
+    long_us:     time of the last frame that was too long [us]
+    foreign_us:  time of the last frame of another node with one of our identifiers [us]
+    size:        of all numbers
+    """
+
+    def __init__(self, signals: int, pdos: int, nodes: int) -> None:
+        self.signals, self.pdos, self.nodes = signals, pdos, nodes
+        self._pdos = SIGNAL * signals
+        self._nodes = self._pdos + SENDER * pdos
+        counters = self._nodes + SENDER * nodes
+        self.unknown, self.short, self.long, self.long_us, self.foreign_us = range(counters, counters + 5)
+        self.size = counters + 5
+        self.arrivals = slice(1, self._pdos, SIGNAL)
+        self.second_us = slice(self._pdos + 2, self._nodes, SENDER)
+
+    def signal(self, number: int) -> slice:
+        """Return the place of a signal, in the order of `senders.Channel`."""
+        return slice(SIGNAL * number, SIGNAL * (number + 1))
+
+    def pdo(self, number: int) -> slice:
+        """Return the place of a PDO, in the order of `senders.PdoRate`."""
+        begin = self._pdos + SENDER * number
+        return slice(begin, begin + SENDER)
+
+    def node(self, number: int) -> slice:
+        """Return the place of a node, in the order of `senders.LastHeartbeat`."""
+        begin = self._nodes + SENDER * number
+        return slice(begin, begin + SENDER)
+
+
+class ForceLayout:
+    """Places in the force of R rows (`pushed.push`).
+
+    x, z:                      force at the tool [N]
+    xx, xz, zz:                its covariance [N^2]
+    weight:                    of the mass in the bucket that explains most of the force [N]
+    clearness:                 f' C^-1 f of the rest f
+    wider_xx, wider_xz, wider_zz: covariance by errors of signals [N^2]
+    size:                      of all numbers
+    """
+
+    def __init__(self, rows: int) -> None:
+        force = 2 * rows  # after the torque left (R,) and the variance of friction whose sign is not known (R,)
+        self.x, self.z, self.xx, self.xz, self.zz = force, force + 1, force + 2, force + 3, force + 5
+        last = 8 * rows + 6  # after the gain (2, R) and the columns of the load (R, 4)
+        self.weight, self.clearness, self.wider_xx, self.wider_xz, self.wider_zz = range(last, last + 5)
+        self.size = last + 5

@@ -1,0 +1,36 @@
+"""Has an angle leapt farther than the machine can move, and stayed there? The inputs count such leaps
+(`service/assembler.py`); their sum is by how much the angle is off."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+
+
+@dataclass(slots=True)
+class AngleLeap(Detector):
+    """Signals that leapt and stayed there."""
+
+    doubt: SensorDoubt = NOTHING_SUSPECTED
+
+    DESCRIPTION: ClassVar[Description] = Description(
+        faults=(SensorFault.LEAPT,),
+        looks_at="one angle",
+        residual="change between two values",
+        threshold="3 rad/s, and its noise: no joint of such a machine is faster; for 100 values",
+        levels="rejected after 1.6 s; meanwhile its values are not used",
+        recovery="when it leaps back, at the latest at the next start",
+    )
+
+    @classmethod
+    def start(cls, machine: MonitoredMachine) -> Self:
+        """Return the detector before any sample."""
+        del machine
+        return cls()
+
+    def on_step(self, features: Features) -> None:
+        """Take the signals that the inputs report."""
+        leapt = features.now.leapt
+        if leapt != self.doubt.signals:
+            self.doubt = SensorDoubt(Level.REJECTED, SensorFault.LEAPT, leapt) if leapt else NOTHING_SUSPECTED

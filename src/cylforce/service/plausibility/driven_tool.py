@@ -1,0 +1,186 @@
+"""Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
+a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
+those of this motion: they are exchanged, or dead.
+
+A load that is weighed is subtracted with its whole force: its weight, its inertia, and the centrifugal force while the
+house slews. One sample alone does not count: where a fast arm stops or turns, its inertia, known to a few per cent, may
+show at one. A wheel loader drives into the heap, which then pushes its tool: there only the vertical part counts."""
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import ClassVar, Self
+
+import numpy as np
+
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.mechanics.machine import FORCE_KINDS
+from cylforce.service.contact.hanging_mass import hanging_weight
+from cylforce.service.plausibility.detector import (
+    EVERY,
+    Description,
+    Detector,
+    Features,
+    Interruption,
+    MonitoredMachine,
+)
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.snapshot import Constants
+from cylforce.signals.estimate import Array, Force, Status
+from cylforce.signals.kinds import Kind
+
+# m over which the tool is driven, from which on the forces are suspected or rejected; chosen
+FARTHEST = {Level.DOUBTED: 0.25, Level.REJECTED: 0.5}
+LEAST = 0.02  # times the rated force: smallest driving force that counts; chosen
+SURE = 5.0  # standard errors that it must exceed; chosen
+SLOWEST = 0.05  # m/s of the tool below which its direction is not known; chosen
+DRIVES = 2  # links of an arm that digs by driving: arm and bucket of a wheel loader
+
+
+class DrivenConstants(Constants):
+    """What the work of the surroundings on one machine's tool needs.
+
+    machine: of the model
+    seconds: between two samples
+    least:   smallest driving force that counts [N]
+    stands:  whether the machine stands while it digs: it has a slew sensor, and is no wheel loader. A loader's arm has
+             two links, with which its teeth go straight through the heap only if it drives. A gyro on it measures how
+             it steers
+    outward: (R,) reach from each measured joint, by which its torque exceeds that of a load [m]
+    acting:  of each measured joint the pressures of the cylinders that act on it
+    """
+
+    def __init__(self, monitored: MonitoredMachine) -> None:
+        model = monitored.model
+        machine = self.machine = model.machine
+        self.seconds, self.least = EVERY / model.filters.rate_hz, LEAST * monitored.rated_force
+        slews = any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in machine.signals)
+        self.stands = slews and machine.size != DRIVES
+        outward = np.append(machine.lengths[:-1], machine.payload_reach)[::-1].cumsum()[::-1]
+        self.outward = outward[list(machine.rows)]
+        signals = [(k, s) for k, s in enumerate(machine.signals) if s.kind in FORCE_KINDS]
+        self.acting = [tuple(k for k, s in signals if s.index in acting) for acting in model.acting]
+
+    def pushes(self, force: Force, along: complex) -> bool:
+        """Return whether a force, less what a hanging mass explains of it, drives the tool in the direction `along`."""
+        if force.x.status is Status.INVALID or force.z.status is Status.INVALID:
+            return False
+        (xx, xz, zz), x, z = force.covariance, force.x.value, force.z.value
+        x *= self.stands  # the heap's push is no evidence about the mass either
+        if along.imag < 0.0:  # a load drives what it hangs from downwards only
+            z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
+        push = x * along.real + z * along.imag
+        error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
+        return push > max(self.least, SURE * hypot(error, 1.0))
+
+
+@dataclass(slots=True)
+class DrivenTool(Detector):
+    """Path over which the tool was driven.
+
+    constants: of the machine
+    path:      over which the tool was driven [m]
+    strain:    (R,) residual torque of each joint, integrated along it [N m m]
+    drives:    whether it was driven at the last sample
+    alone:     path of one sample alone [m]
+    first:     direction of motion (x, z) in which it was driven first; zeros: in none
+    opposite:  part of the path in directions opposite to it [m]
+    """
+
+    constants: DrivenConstants
+    path: float
+    strain: Array
+    drives: bool
+    alone: float
+    first: tuple[float, float]
+    opposite: float
+    doubt: SensorDoubt = NOTHING_SUSPECTED
+
+    DESCRIPTION: ClassVar[Description] = Description(
+        faults=(SensorFault.EXCHANGED,),
+        looks_at="the force less that of any load, along the way of the tool",
+        residual="path over which it drives the tool, by more than 5 standard errors and 2 % of the rated force",
+        threshold="0.25 m suspected, 0.5 m rejected; chosen: soil springs back by centimetres",
+        levels="rejected; latched if it was driven over 0.25 m both ways",
+        recovery="when four seconds in the air in a row are explained by a load; latched: at the next start",
+    )
+
+    @classmethod
+    def start(cls, machine: MonitoredMachine) -> Self:
+        """Return the state in which nothing was driven."""
+        return cls(
+            machine.constants(DrivenConstants),
+            path=0.0,
+            strain=np.zeros(len(machine.model.machine.rows)),
+            drives=False,
+            alone=0.0,
+            first=(0.0, 0.0),
+            opposite=0.0,
+        )
+
+    @property
+    def level(self) -> Level:
+        """How surely the forces do not belong to the motion."""
+        return Level.of(self.path, FARTHEST)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the tool was driven in both directions of motion, each by as much as begins a suspicion."""
+        return min(self.path - self.opposite, self.opposite) > FARTHEST[Level.DOUBTED]
+
+    def interrupt(self, why: Interruption) -> None:
+        """Begin anew; what is suspected stays until the next sample."""
+        self._begin()
+
+    def _begin(self) -> None:
+        self.path, self.strain, self.first, self.opposite = 0.0, np.zeros_like(self.strain), (0.0, 0.0), 0.0
+        self.drives, self.alone = False, 0.0
+
+    def on_sample(self, features: Features) -> None:
+        """Take the forces of a sample."""
+        now = features.now
+        soil = now.forces.soil if now.weighed else None
+        self.take(now.forces.resultant, now.instant.velocity, now.residual, soil)
+        level = self.level
+        if level is Level.FINE:
+            self.doubt = NOTHING_SUSPECTED
+        else:
+            # the cylinders that act on the joint whose torque exceeds that of a load most
+            joint = int((self.strain / self.constants.outward).argmax())
+            signals = self.constants.acting[joint]
+            self.doubt = SensorDoubt(level, SensorFault.EXCHANGED, signals, confirmed=self.confirmed)
+
+    def take(self, resultant: Force, velocity: complex, residual: Numbers, soil: Force | None = None) -> None:
+        """Take one sample. What resists takes back as much of the path.
+
+        resultant: force of all that acts on the tool
+        velocity:  of the tool, x + i z [m/s]
+        residual:  (R,) residual torque of the tares [N m]
+        soil:      the resultant less the force of the load that is weighed; None while none is
+        """
+        speed, c = abs(velocity), self.constants
+        if speed < SLOWEST or resultant.x.status is Status.INVALID or resultant.z.status is Status.INVALID:
+            self.drives, self.alone = False, 0.0
+            return
+        along, way = velocity / speed, speed * c.seconds
+        if not c.pushes(resultant, along) or not (soil is None or c.pushes(soil, along)):
+            self._resist(way)
+            return
+        if not self.drives:
+            self.drives, self.alone = True, way
+            return
+        way += self.alone
+        self.alone = 0.0
+        self.strain = self.strain + way * np.abs(residual)
+        if not any(self.first):
+            self.first = (along.real, along.imag)
+        if along.real * self.first[0] + along.imag * self.first[1] < 0.0:
+            self.opposite += way
+        self.path += way
+
+    def _resist(self, way: float) -> None:
+        """Take back a part of the path; all of it, and what is known of it, where no more was driven."""
+        if self.path > way:
+            self.path -= way
+            self.drives, self.alone = False, 0.0
+        else:
+            self._begin()

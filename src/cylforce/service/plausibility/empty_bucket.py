@@ -1,0 +1,143 @@
+"""Is what seems to hang in an empty bucket possible? It weighs no less than nothing, and it is a mass in the bucket.
+
+The torques show a mass m and its first moments m x, m z about the last pin. Whatever sticks in a bucket lies within a
+distance R of that pin:
+
+    |(m x, m z)| <= R m
+
+Moments without such a mass are no load. An angle of the bucket that has slipped turns the bucket's own weight, and
+looks just so: its mass is known to be there. The distance of the estimate from the nearest possible mass, in its own
+standard errors, is the root of chi-squared.
+
+A negative weight may also be a drift, so friction and zeros are adapted on. Until a return has shown the drift, that of
+oil at 0 degC counts. Moments that are not known as exactly as a weight must be, as in the first second after a dump,
+are no evidence."""
+
+from dataclasses import dataclass
+from math import hypot, pi, sqrt
+from typing import ClassVar, Self
+
+import numpy as np
+
+from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.service.adaptation import DriftFilter
+from cylforce.service.booking import LATER_S
+from cylforce.service.loading.lift import Lift
+from cylforce.service.plausibility.constant_error import HARMLESS
+from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.snapshot import Constants
+from cylforce.service.weighing import COLD, FARTHEST
+from cylforce.signals.estimate import Array, Quantity, Status
+
+NEVER = -1  # in place of a sample
+BELOW = 3.0  # standard errors beyond what is possible at which an empty bucket cannot be; machines in order: 2.2
+DIRECTIONS = np.linspace(0.0, 2.0 * pi, 360, endpoint=False)  # in which the nearest mass may lie
+
+
+def distance(moments: Array, covariance: Array, reach: float) -> float:
+    """Return the distance of moments from the nearest possible mass, in standard errors; 0 for a possible one.
+
+    moments:    (3,) a mass [kg] and its first moments x, z [kg m]
+    covariance: (3, 3) of them
+    reach:      R [m]
+
+    Raises numpy.linalg.LinAlgError if the covariance is singular."""
+    mass, x, z = moments.tolist()
+    if hypot(x, z) <= reach * mass:
+        return 0.0
+    edges = np.stack([np.ones_like(DIRECTIONS), reach * np.cos(DIRECTIONS), reach * np.sin(DIRECTIONS)])
+    known = np.linalg.inv(covariance)
+    along = np.maximum(moments @ known @ edges, 0.0)
+    nearest = moments @ known @ moments - (along**2 / (edges * (known @ edges)).sum(axis=0)).max()
+    return float(np.sqrt(max(nearest, 0.0)))
+
+
+class EmptyConstants(Constants):
+    """The empty bucket of one machine.
+
+    tares: covariance (P, P) of the tares
+    rated: rated payload [kg]
+    reach: farthest plausible centre of a load from the last pin [m]
+    later: samples of a lift for which an impossible weight must go on
+    all:   numbers of all signals
+    """
+
+    def __init__(self, monitored: MonitoredMachine) -> None:
+        machine, self.tares = monitored.model.machine, monitored.tares.covariance
+        self.rated, self.reach = machine.rated_payload, FARTHEST * machine.payload_reach
+        self.later = LATER_S * monitored.model.filters.rate_hz
+        self.all = tuple(range(len(machine.signals)))
+
+
+@dataclass(slots=True)
+class EmptyBucket(Detector):
+    """Weight of the empty bucket.
+
+    constants:   of the machine
+    fault:       what was wrong when the bucket was seen empty last
+    wrong_since: sample of this lift from which on it has been; NEVER: it is not
+    """
+
+    constants: EmptyConstants
+    fault: SensorFault = SensorFault.NONE
+    wrong_since: int = NEVER
+    doubt: SensorDoubt = NOTHING_SUSPECTED
+
+    DESCRIPTION: ClassVar[Description] = Description(
+        faults=(SensorFault.LIGHT, SensorFault.MISPLACED),
+        looks_at="weight and moments of the empty bucket, in a lift that goes on for 0.3 s",
+        residual="by how much it weighs less than nothing; distance of its moments from those of a mass within reach",
+        threshold="three standard errors (machines in order: 2.2) and 1 % of the rated payload",
+        levels="suspected at the first return with an empty bucket",
+        recovery="when it is seen empty with a weight and moments that are possible",
+    )
+
+    @classmethod
+    def start(cls, machine: MonitoredMachine) -> Self:
+        """Return the state before any weight."""
+        return cls(machine.constants(EmptyConstants))
+
+    @property
+    def unsure(self) -> bool:
+        """Whether something is wrong that has not gone on for long enough."""
+        return self.wrong_since != NEVER
+
+    def on_sample(self, features: Features) -> None:
+        """Take the weight of a sample."""
+        now = features.now
+        self.take(now.gross, now.lift, now.drift)
+        if self.fault is SensorFault.NONE:
+            self.doubt = NOTHING_SUSPECTED
+        elif self.fault is not self.doubt.cause:
+            self.doubt = SensorDoubt(Level.DOUBTED, self.fault, self.constants.all)
+
+    def take(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> None:
+        """Take the gross weight [kg] of a lift. As for a booking, the lift must go on for LATER_S: what ended it was no
+        weight."""
+        c, taken = self.constants, lift.taken
+        if gross.status is not Status.OK or gross.value > SMALLEST * c.rated:
+            self.wrong_since = NEVER
+            return
+        fault = self._fault(gross, lift, drift)
+        if fault is SensorFault.NONE:
+            self.fault, self.wrong_since = fault, NEVER
+        elif not 0 <= self.wrong_since <= taken:
+            self.wrong_since = taken
+        elif taken - self.wrong_since >= c.later:
+            self.fault = fault
+
+    def _fault(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> SensorFault:
+        """Return what is wrong with the weight of an empty bucket, or with its place, with the operator's zero or
+        without. The place is as before while the moments are not known as exactly as a weight must be. An error of the
+        weight that does no harm, where a load lies, is none of the place, either."""
+        c = self.constants
+        colder, more = (1.0, 0.0) if drift.returned else (COLD**2, lift.error_by_drift(drift.covariance))
+        margin = BELOW * hypot(gross.standard_error, sqrt(colder - 1.0) * more)
+        if gross.value < -max(margin, HARMLESS * c.rated):
+            return SensorFault.LIGHT
+        moments, covariance = lift.moments(c.tares, drift, colder)
+        if float(np.trace(covariance[1:, 1:])) > (GOOD_ENOUGH * c.rated * c.reach) ** 2:
+            return self.fault if self.fault is SensorFault.MISPLACED else SensorFault.NONE
+        moments[0] = max(moments[0], gross.value, 0.0) + HARMLESS * c.rated / FARTHEST
+        return SensorFault.MISPLACED if distance(moments, covariance, c.reach) > BELOW else SensorFault.NONE

@@ -1,0 +1,99 @@
+"""Has a pressure fallen to nothing at once, or below vacuum? The first is a burst hose; no pressure is below vacuum, so
+that a reading far below it is off."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.pressure_groups import KEPT, GroupConstants, Mask
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorDoubt, SensorFault
+from cylforce.signals.estimate import Array
+
+FALL_STEPS = KEPT // 2  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order it dips for one step
+FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
+NOTHING = 1e5  # Pa: what remains then, a sensor's error of zero; return lines have 2 bar and more
+VACUUM = -1e5 - NOTHING  # Pa: no pressure is lower, and no sensor's error of zero shows less
+
+
+def fallen(features: Features) -> Array | None:
+    """Return the last readings (T, P) [Pa], 2 FALL_STEPS and more, where a pressure is at nothing; else None."""
+    groups = features.groups
+    if groups.lowest >= NOTHING:
+        return None
+    recent = groups.recent
+    return recent if len(recent) > 2 * FALL_STEPS else None
+
+
+@dataclass(slots=True)
+class BelowVacuum(Detector):
+    """Pressures below vacuum.
+
+    constants: of the pressures
+    below:     (P,) which were
+    """
+
+    constants: GroupConstants
+    below: Mask
+    doubt: SensorDoubt = NOTHING_SUSPECTED
+
+    DESCRIPTION: ClassVar[Description] = Description(
+        faults=(SensorFault.IMPOSSIBLE,),
+        looks_at="one pressure",
+        residual="the pressure, for 50 ms",
+        threshold="-2 bar: vacuum is -1 bar, a zero may be off by another",
+        levels="rejected and latched when the chamber is next without load",
+        recovery="at the next start",
+    )
+
+    @classmethod
+    def start(cls, machine: MonitoredMachine) -> Self:
+        """Return the state before any reading."""
+        return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
+
+    def on_step(self, features: Features) -> None:
+        """Mark the pressures that stay below vacuum."""
+        recent = fallen(features)
+        if recent is not None:
+            below = self.below | (recent[-FALL_STEPS:].max(axis=0) < VACUUM)
+            if (below != self.below).any():
+                self.below, self.doubt = below, doubt_of(below, self.constants.signals, SensorFault.IMPOSSIBLE)
+
+
+@dataclass(slots=True)
+class BurstHose(Detector):
+    """Pressures that fell to nothing at once.
+
+    constants: of the pressures
+    burst:     (P,) which did
+    """
+
+    constants: GroupConstants
+    burst: Mask
+    doubt: SensorDoubt = NOTHING_SUSPECTED
+
+    DESCRIPTION: ClassVar[Description] = Description(
+        faults=(SensorFault.BURST,),
+        looks_at="one pressure",
+        residual="the pressure before and after 50 ms, and for as long as that",
+        threshold="from above 20 bar (above any return line) to below 1 bar (a sensor's error of zero)",
+        levels="rejected and latched after 100 ms",
+        recovery="at the next start",
+    )
+
+    @classmethod
+    def start(cls, machine: MonitoredMachine) -> Self:
+        """Return the state before any reading."""
+        return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
+
+    def on_step(self, features: Features) -> None:
+        """Mark the pressures that fell and stay at nothing, but not below vacuum."""
+        recent = fallen(features)
+        if recent is None:
+            return
+        most = recent[-FALL_STEPS:].max(axis=0)
+        falls = (most < NOTHING) & (most >= VACUUM) & (recent[-1 - 2 * FALL_STEPS] > FALLS)
+        burst = self.burst | falls
+        if (burst != self.burst).any():
+            self.burst, self.doubt = burst, doubt_of(burst, self.constants.signals, SensorFault.BURST)

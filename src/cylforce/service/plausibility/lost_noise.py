@@ -1,0 +1,43 @@
+"""Is the noise of a pressure gone? A frozen sensor, or a node that repeats its last value, has less noise than the
+sensor had, and nothing of the motion. While a cylinder moves, its pressures never vary less than their noise.
+
+The variance of the last 0.25 to 1 s of motion is compared with the noise of the 15 s before (`pressure_groups`). Noise
+may also become less because a pump runs slower: the suspicion ends when the pressure changes, and noise is learned
+anew."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.pressure_groups import GroupConstants
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+
+
+@dataclass(slots=True)
+class LostNoise(Detector):
+    """Pressures whose noise is gone.
+
+    constants: of the pressures
+    """
+
+    constants: GroupConstants
+    doubt: SensorDoubt = NOTHING_SUSPECTED
+
+    DESCRIPTION: ClassVar[Description] = Description(
+        faults=(SensorFault.STUCK,),
+        looks_at="one pressure while its cylinder moves, or rests while another one moves",
+        residual="variance of the last 0.25 to 1 s over that of its noise",
+        threshold="0.14 to 0.44: white noise falls below once in ten hours of motion (chi-squared)",
+        levels="suspected after 0.3 to 1.3 s",
+        recovery="when it changes in 4 s of motion, 1 s at least each way",
+    )
+
+    @classmethod
+    def start(cls, machine: MonitoredMachine) -> Self:
+        """Return the state before any reading."""
+        return cls(machine.groups)
+
+    def on_step(self, features: Features) -> None:
+        """Look at the noise when a group has ended."""
+        if features.groups.ended:
+            self.doubt = doubt_of(features.groups.gone, self.constants.signals, SensorFault.STUCK, Level.DOUBTED)

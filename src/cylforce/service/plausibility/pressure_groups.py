@@ -1,0 +1,226 @@
+"""Statistics of each pressure by itself: means, variances and white noise of its readings, in groups of 0.25 s while
+its cylinder moves, and while it rests but another one moves.
+
+Noise is what second differences show in the quietest tenth of the last 15 s of motion, no more than the sensor states.
+What is measured while noise is gone is not remembered."""
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+from operator import itemgetter
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cylforce.estimation.kernel import choice
+from cylforce.estimation.kernel.functions import Kernel
+from cylforce.estimation.kernel.heard import GROUP, GROUPS, NOISES
+from cylforce.estimation.kernel.making import numbers
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
+from cylforce.mechanics.machine import Machine
+from cylforce.service.snapshot import Constants, Estimator
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import SIDES
+
+MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen: far above the noise of a speed
+KEPT = 10  # readings that stay when a group has ended: those in which a pressure falls, and in which it stays low
+# Variance between the groups' means over that expected from the noise within them: above this a pressure that did not
+# change does so again; a constant exceeds it once in ten hours (chi-squared with 15 degrees of freedom, 1.16e-6: four a
+# second, of six pressures)
+CHANGES = 56.118 / (GROUPS - 1)
+# Median variance within groups over that of their white noise, from second differences: above this, oil oscillates.
+# F distribution with 24 and 12.1 degrees of freedom, exceeded by 2 % of single groups of white noise
+COLOURED = 3.1795
+# The tenth part of the groups shows less than this share of white noise: chi-squared with the 12.1 degrees of freedom
+# of 23 second differences
+TENTH = 0.52701
+# Variance of all readings of the last 1 to 4 groups over that of the noise below which noise is gone: white noise is
+# once in ten hours of motion (chi-squared, lower quantiles of 2.9e-7: four a second, of six pressures, four limits)
+QUIET = (0.14338, 0.29127, 0.38126, 0.44281)
+
+Mask = NDArray[np.bool_]
+
+
+def pressures(machine: Machine) -> list[int]:
+    """Return the numbers (P,) of the signals that are pressures."""
+    return [k for k, s in enumerate(machine.signals) if s.kind in SIDES]
+
+
+def picker(machine: Machine) -> Callable[[Numbers], Numbers]:
+    """Return a function that gives the pressures (P,) among all signals (S,)."""
+    signals = pressures(machine)
+    if len(signals) > 1:
+        pick = itemgetter(*signals)
+        return lambda values: array("d", pick(values))
+    return lambda values: array("d", [values[k] for k in signals])
+
+
+class GroupConstants(Constants):
+    """The pressures of one machine.
+
+    signals:   (P,) their numbers
+    pick:      gives the pressures among all signals
+    cylinders: (P,) number of each one's cylinder
+    stated:    (P,) variances of the sensors' noise [Pa^2]; infinite where none is stated
+    """
+
+    def __init__(self, machine: Machine, kernel: Kernel | None = None) -> None:
+        self.kernel, self.signals, self.pick = kernel or choice.chosen(), pressures(machine), picker(machine)
+        self.cylinders = [machine.signals[k].index for k in self.signals]
+        self.stated = array("d", [machine.signals[k].standard_error ** 2 or inf for k in self.signals])
+        self.quiet = numbers(QUIET)
+
+
+@dataclass(slots=True)
+class GroupStatistics(Estimator):
+    """Groups and noise of P pressures, in motion or at rest.
+
+    groups: means, variances, ways and white noise (4, GROUPS, P) of the last groups, 0 where there was none yet
+    noise:  variances of the noise in the last groups (NOISES, P), 0 where there was none yet; number (P,) of groups
+            since noise is gone, 0 where it is not
+    """
+
+    groups: Numbers
+    noise: Numbers
+
+    @classmethod
+    def start(cls, size: int) -> Self:
+        """Return the statistics of so many pressures before any reading."""
+        return cls(ZERO * (4 * GROUPS * size), ZERO * ((NOISES + 1) * size))
+
+    @property
+    def known(self) -> Array:
+        """Variances (NOISES, P) of the noise [Pa^2]."""
+        return np.frombuffer(self.noise).reshape(NOISES + 1, -1)[:-1]
+
+    @property
+    def since(self) -> Array:
+        """Number (P,) of groups since noise is gone."""
+        return np.asarray(np.frombuffer(self.noise).reshape(NOISES + 1, -1)[-1])
+
+    @property
+    def gone(self) -> Mask:
+        """Whether noise is gone (P,)."""
+        return np.asarray(self.since > 0.0)
+
+    def take(self, c: GroupConstants, readings: Numbers, way: Numbers, which: Mask) -> None:
+        """Take the last group of `readings` (T, P), of the pressures that are `which` (P,); `way` (P,) of their
+        cylinders [m/s]."""
+        size = len(c.signals)
+        begin = len(readings) // size - GROUP
+        c.kernel.group(size, readings, begin, way, MOVES, self.groups)
+        group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
+        means_and_variances = np.ascontiguousarray(np.frombuffer(self.groups).reshape(4, GROUPS, size)[:2])
+        chosen = (means_and_variances, GROUPS, np.asarray(which, dtype=np.float64), c.stated)
+        c.kernel.listen(size, group, GROUP, *chosen, TENTH, c.quiet, len(QUIET), ZERO * NOISES, self.noise)
+
+    def last_longer(self, moved: Mask) -> None:
+        """Count a group in which some cylinders `moved` (P,): noise that is gone at rest is gone for longer."""
+        gone = moved & self.gone
+        if gone.any():
+            longer = np.frombuffer(self.noise).reshape(NOISES + 1, -1).copy()
+            longer[-1] += gone
+            self.noise = numbers(longer.ravel())
+
+    def learn_anew(self, changes: Mask) -> None:
+        """Forget the noise of pressures that change, as the last groups show, if it was gone before all of them."""
+        back = changes & (self.since > GROUPS)
+        if back.any():
+            anew = np.where(back, 0.0, np.frombuffer(self.noise).reshape(NOISES + 1, -1))
+            self.noise = numbers(anew.ravel())
+
+
+@dataclass(slots=True)
+class PressureGroups(Estimator):
+    """Statistics of the pressures of one machine.
+
+    constants: of the machine
+    readings:  the last ones (T, P), one after the other [Pa]
+    fresh:     number of readings of the running group
+    motion:    groups while the own cylinder moves
+    rest:      groups while it rests and another one moves; a cylinder that rests may transmit less of the pump's noise
+    now:       (P,) pressures of this step [Pa]
+    lowest:    of these [Pa]; infinite: there are none
+    ratios:    (2, P) where a group has ended at this step: variance of the groups' means over that expected from the
+               noise within them, -1: not enough groups; that noise over its white part. Empty: none has ended
+    """
+
+    constants: GroupConstants
+    readings: Numbers
+    fresh: int
+    motion: GroupStatistics
+    rest: GroupStatistics
+    now: Numbers
+    lowest: float
+    ratios: Numbers
+
+    @classmethod
+    def start(cls, constants: GroupConstants) -> Self:
+        """Return the state before any reading."""
+        size, empty = len(constants.signals), array("d")
+        return cls(
+            constants,
+            readings=empty,
+            fresh=0,
+            motion=GroupStatistics.start(size),
+            rest=GroupStatistics.start(size),
+            now=empty,
+            lowest=inf,
+            ratios=empty,
+        )
+
+    @property
+    def recent(self) -> Array:
+        """The last readings (T, P) [Pa]."""
+        return np.frombuffer(self.readings).reshape(-1, len(self.constants.signals))
+
+    @property
+    def ended(self) -> bool:
+        """Whether a group has ended at this step."""
+        return self.fresh == GROUP
+
+    @property
+    def gone(self) -> Mask:
+        """Pressures (P,) whose noise is gone, in motion or at rest."""
+        return np.asarray(self.motion.gone | self.rest.gone)
+
+    def interrupt(self) -> None:
+        """Begin the running group anew: the measurement stopped."""
+        self.readings, self.fresh, self.ratios = array("d"), 0, array("d")
+
+    def update(self, values: Numbers, speed: Numbers) -> None:
+        """Take one step: all signals (S,), speed (C,) of the cylinders [m/s]."""
+        self.now = self.constants.pick(values)
+        self.lowest = min(self.now, default=inf)
+        if self.ratios:
+            self.ratios = array("d")
+        if self.ended:
+            self.readings, self.fresh = self.readings[-KEPT * len(self.now) :], 0
+        self.readings += self.now
+        self.fresh += 1
+        if self.ended:
+            self._end_group(speed)
+
+    def _end_group(self, speed: Numbers) -> None:
+        """Take a group of the pressures whose cylinders move."""
+        c, size = self.constants, len(self.constants.signals)
+        way = array("d", [speed[cylinder] for cylinder in c.cylinders])
+        moved = np.array([abs(each) > MOVES for each in way], dtype=bool)
+        if not moved.any():
+            return
+        self.motion.take(c, self.readings, way, moved)
+        rested = ~moved
+        if rested.any():
+            self.rest.take(c, self.readings, array("d", rested.astype(np.float64).tobytes()), rested)
+        self.rest.last_longer(moved)
+        ratios = ZERO * (2 * size)
+        if c.kernel.compare(size, self.motion.groups, ZERO * GROUPS, ratios):
+            self.ratios = ratios
+            varied, coloured = np.frombuffer(ratios).reshape(2, size)
+            changes = (varied > CHANGES) | ((varied >= 0.0) & (coloured > COLOURED))
+            if changes.any():
+                self.motion.learn_anew(changes)
+                self.rest.learn_anew(changes)

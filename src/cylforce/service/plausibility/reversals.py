@@ -1,0 +1,115 @@
+"""Is a pressure's leap that of its cylinder's friction? When a cylinder turns round, its dry friction does, too, and
+the oil's force follows within one reading: by no more than twice that friction, and towards the new motion. How
+large it is, the identification knows, and the adaptation what it is now. What leaps farther is no friction. At
+rest friction may be anything between both, and change as far either way."""
+
+from array import array
+from dataclasses import dataclass
+from math import inf, sqrt
+from typing import Self
+
+import numpy as np
+
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
+from cylforce.estimation.model import Model, Tares
+from cylforce.service.adaptation import DriftKnowledge
+from cylforce.service.pipeline import Instant
+from cylforce.service.plausibility.suspicion import SensorDoubt
+from cylforce.service.snapshot import Constants, Estimator
+from cylforce.signals.kinds import Kind
+
+CLEAR = 3.0  # standard errors of the friction that a leap must exceed; by convention
+LAWS = ("coulomb", "load_dependent", "stribeck")  # of dry friction
+
+
+class ReversalConstants(Constants):
+    """The dry friction of one machine's cylinders.
+
+    model, tares: of the machine
+    steps:        of the filters between a reversal and a leap that it may explain
+    laws:         of each cylinder the columns of the friction that a reversal turns round, by their law. Friction that
+                  is larger one way than the other (`directional`) is not among them: its mean stays
+    """
+
+    def __init__(self, model: Model, tares: Tares, steps: int) -> None:
+        self.model, self.tares, self.steps = model, tares, steps
+        names = {p.name: k for k, p in enumerate(model.parameters)}
+        cylinders = (c.name for c in model.machine.cylinders)
+        self.laws = tuple({law: names[f"{c}.{law}"] for law in LAWS if f"{c}.{law}" in names} for c in cylinders)
+
+
+@dataclass(slots=True)
+class Reversals(Estimator):
+    """When each cylinder was about to turn round last.
+
+    constants: of the machine
+    at:        (C,) steps of the filters then; -inf: never
+    way:       (C,) that it takes then: 1 extends, -1 retracts
+    """
+
+    constants: ReversalConstants
+    at: Numbers
+    way: Numbers
+
+    @classmethod
+    def start(cls, constants: ReversalConstants) -> Self:
+        """Return the state in which nothing has turned."""
+        size = len(constants.model.machine.cylinders)
+        return cls(constants, at=array("d", [-inf]) * size, way=ZERO * size)
+
+    def clear(self) -> None:
+        """Forget all reversals: the filters begin anew."""
+        size = len(self.at)
+        self.at, self.way = array("d", [-inf]) * size, ZERO * size
+
+    def update(self, instant: Instant, steps: int) -> None:
+        """Take one step, at so many `steps` of the filters. The pipeline's speeds are late; it looks ahead by as
+        much."""
+        reversing = instant.reversing
+        if not any(reversing):
+            return
+        for c, turns in enumerate(reversing):
+            if turns:
+                self.at[c], self.way[c] = steps, -1.0 if instant.speed[c] > 0.0 else 1.0
+
+    def explains(self, doubt: SensorDoubt, steps: int, speed: Numbers, values: Numbers, drift: DriftKnowledge) -> bool:
+        """Return whether the step of a pressure that is suspected may be friction that turned round.
+
+        steps:  of the filters so far
+        speed:  (C,) of the cylinders now [m/s]
+        values: (S,) of all signals [SI]
+        drift:  of friction and zeros
+        """
+        model = self.constants.model
+        signal = model.machine.signals[doubt.signals[0]]
+        cylinder, c = model.machine.cylinders[signal.index], signal.index
+        rests = abs(speed[c]) < model.filters.direction_speed
+        if not rests and not 0 <= steps - self.at[c] <= self.constants.steps:
+            return False
+        outward = cylinder.area_head if signal.kind is Kind.HEAD_PRESSURE else -cylinder.area_rod
+        dry, error = self._dry_friction(c, values, drift)
+        push = doubt.size * outward
+        return (rests or push * self.way[c] > 0.0) and abs(push) <= 2.0 * (dry + CLEAR * error)
+
+    def _dry_friction(self, c: int, values: Numbers, drift: DriftKnowledge) -> tuple[float, float]:
+        """Return the most dry friction of a cylinder [N] and its standard error, at its force. By what it differs in
+        creeping, it may be more when it turns round: the form of that is known no better than its size."""
+        laws, tares, model = self.constants.laws[c], self.constants.tares, self.constants.model
+        row = np.zeros(len(tares.values))
+        row[laws["coulomb"]] = 1.0
+        if "load_dependent" in laws:
+            row[laws["load_dependent"]] = abs(self._force(c, values))
+        if "stribeck" in laws:
+            row[laws["stribeck"]] = np.sign(tares.values[laws["stribeck"]])
+        adapted = model.changing_friction.index(laws["coulomb"])
+        variance = float(row @ tares.covariance @ row + drift.covariance[adapted, adapted])
+        return float(row @ tares.values + drift.values[adapted]), sqrt(variance)
+
+    def _force(self, c: int, values: Numbers) -> float:
+        """Return the force of a cylinder's oil [N]."""
+        machine = self.constants.model.machine
+        cylinder = machine.cylinders[c]
+        outward = {Kind.HEAD_PRESSURE: cylinder.area_head, Kind.ROD_PRESSURE: -cylinder.area_rod}
+        own = ((s.kind, x) for s, x in zip(machine.signals, values.tolist(), strict=True) if s.index == c)
+        return float(sum(outward.get(kind, 0.0) * x for kind, x in own))

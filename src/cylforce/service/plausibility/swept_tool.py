@@ -1,0 +1,109 @@
+"""Is the tool swept sideways? In the ground it cannot be: the soil is stronger than the house's motor. While the house
+slews the tool is in the air, where a load explains the torques of all joints. Seconds of slewing that no load explains,
+one after the other, mean that a signal is wrong, though not which one; a bucket that is dumped meanwhile is such a
+second, too, for a part of a swing."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from cylforce.service.plausibility.detector import (
+    EVERY,
+    Description,
+    Detector,
+    Features,
+    Interruption,
+    MonitoredMachine,
+)
+from cylforce.service.plausibility.pressure_groups import pressures
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.snapshot import Constants
+from cylforce.signals.estimate import Array
+from cylforce.signals.kinds import Kind
+
+# rad of slewing that no load explains, from which on the signals are suspected or rejected; chosen: more than one and a
+# half times the largest of machines in order, 0.60, which dump meanwhile; two swings, out and back
+FARTHEST = {Level.DOUBTED: 1.0, Level.REJECTED: 3.0}
+FAST = 0.2  # rad/s of the house, at which nothing touches the ground; chosen: a fifth of its full speed
+
+
+class SweptConstants(Constants):
+    """The slewing of one machine.
+
+    measured:  kinds of the signals
+    pressures: numbers of the signals that are suspected
+    rate_hz:   steps a second
+    """
+
+    def __init__(self, monitored: MonitoredMachine) -> None:
+        machine = monitored.model.machine
+        self.measured, self.rate_hz = {s.kind for s in machine.signals}, monitored.model.filters.rate_hz
+        self.pressures = tuple(pressures(machine))
+
+
+@dataclass(slots=True)
+class SweptTool(Detector):
+    """Slewing that no load explains; nothing is measured without a sensor of it.
+
+    constants: of the machine
+    running:   by how much the house slewed in the running block [rad]
+    angle:     in the blocks before that no load explained, since the last one that a load did [rad]
+    fast:      whether the house slews so fast that nothing can touch the ground
+    """
+
+    constants: SweptConstants
+    running: float = 0.0
+    angle: float = 0.0
+    fast: bool = False
+    doubt: SensorDoubt = NOTHING_SUSPECTED
+
+    DESCRIPTION: ClassVar[Description] = Description(
+        faults=(SensorFault.EXCHANGED,),
+        looks_at="seconds in which the house slews, although nothing can be swept through the ground",
+        residual="angle of slewing that no load explains",
+        threshold="1 rad suspected, 3 rad rejected; chosen: a machine in order that dumps meanwhile has 0.60",
+        levels="rejected after the next swing but one",
+        recovery="when a load explains the torques; once rejected, for four seconds in a row",
+    )
+
+    @classmethod
+    def start(cls, machine: MonitoredMachine) -> Self:
+        """Return the state in which nothing was swept."""
+        return cls(machine.constants(SweptConstants))
+
+    @property
+    def level(self) -> Level:
+        """How surely a signal is wrong."""
+        return Level.of(self.angle, FARTHEST)
+
+    def interrupt(self, why: Interruption) -> None:
+        """Drop the running block."""
+        self.running = 0.0
+
+    def on_sample(self, features: Features) -> None:
+        """Take the slewing of a sample, and a block that ends with it."""
+        self.slew(features.now.pipeline.smooth)
+        if features.blocks.ended:
+            self.end_block(features.blocks.explained)
+        level = self.level
+        if level is Level.FINE:
+            self.doubt = NOTHING_SUSPECTED
+        elif level is not self.doubt.level:
+            self.doubt = SensorDoubt(level, SensorFault.EXCHANGED, self.constants.pressures)
+
+    def slew(self, smooth: Array) -> None:
+        """Take a sample, of which the last three `smooth` channels (3, D) are known."""
+        c = self.constants
+        if Kind.SLEW_RATE in c.measured:
+            rate = float(smooth[-1, -1])
+        elif Kind.SLEW_ANGLE in c.measured:
+            rate = float(smooth[-1, -1] - smooth[0, -1]) * c.rate_hz / 2.0
+        else:
+            return
+        self.running += abs(rate) * (EVERY / c.rate_hz)
+        self.fast = abs(rate) > FAST
+
+    def end_block(self, explained: bool | None) -> None:
+        """Take a block that a load explains, or not; None: the machine hardly moved."""
+        if explained is not None:
+            self.angle = 0.0 if explained else self.angle + self.running
+        self.running = 0.0

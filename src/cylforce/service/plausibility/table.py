@@ -1,0 +1,26 @@
+"""The table of detectors. One line adds a detector; of several suspicions of one level the first one is reported, so
+that the most specific ones come first."""
+
+from cylforce.service.plausibility.angle_leap import AngleLeap
+from cylforce.service.plausibility.constant_error import ConstantError
+from cylforce.service.plausibility.detector import Detector
+from cylforce.service.plausibility.driven_tool import DrivenTool
+from cylforce.service.plausibility.empty_bucket import EmptyBucket
+from cylforce.service.plausibility.fallen import BelowVacuum, BurstHose
+from cylforce.service.plausibility.lost_noise import LostNoise
+from cylforce.service.plausibility.pressure_leap import PressureLeap
+from cylforce.service.plausibility.stuck import StuckPressure
+from cylforce.service.plausibility.swept_tool import SweptTool
+
+DETECTORS: tuple[type[Detector], ...] = (
+    BelowVacuum,
+    BurstHose,
+    AngleLeap,
+    PressureLeap,
+    DrivenTool,
+    StuckPressure,
+    LostNoise,
+    ConstantError,
+    SweptTool,
+    EmptyBucket,
+)

@@ -1,0 +1,158 @@
+"""Errors of signals that are no evidence (undetected bias): which error of each signal does the motion allow, and what
+would it do to a weight or a force?
+
+Each signal is off by something. What is far off is detected. For the rest the torques of all joints show how large it
+probably is: the size with which they are explained best, beside a load of its own in each lift and everyday changes of
+friction and zeros. A load explains nearly as much, so that this is hardly ever evidence, and yet its mass would change.
+Such changes, of each signal by itself, are a part of the standard errors of weight and force.
+
+In the weight they count as far as there is evidence that any signal is off at all. That none is, or one of them, each
+by itself, is equally probable a priori; how large an error is, is then known no better than from one independent sample
+(the unit information prior of Kass and Wasserman, doi:10.1080/01621459.1995.10476592), a pressure's no larger than its
+sensor's class unless the torques show it. With an error of signal h that is z_h standard errors large, N independent
+samples are exp(z_h^2 / 2) / sqrt(1 + N) times as probable as without. Where the torques scatter more than at
+commissioning, z_h is that much smaller (Birge ratio)."""
+
+from dataclasses import dataclass
+from math import exp, sqrt
+from typing import Self
+
+import numpy as np
+
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.estimation.kernel.solving import ZERO
+from cylforce.service.adaptation import DriftFilter
+from cylforce.service.booking import ProbableErrors
+from cylforce.service.plausibility.blocks import EVERY, LOAD, SAMPLES, BlockConstants, BlockGatherer
+from cylforce.service.snapshot import Estimator
+from cylforce.signals.estimate import Array, Force, Status
+
+# Seconds in the air after which older ones have faded to 1/e: about a working cycle's, so that an error that has just
+# come counts as soon; 10 to 48 give the same standard errors in order.
+MEMORY = 10.0
+CLASS = 2.0 / 3.0**0.5  # bar: standard error of a pressure sensor of class 0.5 and 400 bar, evenly within 2 bar
+MOST = 50.0  # logarithm of odds from which on an error is certain: beyond the precision of a probability, 1e-16
+
+
+@dataclass(slots=True)
+class UndetectedErrors(Estimator):
+    """Probable errors of H signals, and their effect.
+
+    constants: of the blocks
+    lift:      (K, K) rows of the lift so far, in seconds that a load explains
+    before:    (K-4, K-4) rows of the lifts before, their loads taken out, faded
+    taken:     samples of the lift
+    probable:  error of each signal, in the blocks' units
+    slopes:    (H,) change of the mass in the bucket per unit of each [kg]
+    torques:   (R, H) by these errors at the moment [N m]
+    mass:      standard error of the mass in the bucket by these errors [kg]
+    of_lift:   seconds in `lift`
+    of_before: seconds in `before`
+    """
+
+    constants: BlockConstants
+    lift: Array
+    before: Array
+    taken: int
+    probable: ProbableErrors
+    slopes: Array
+    torques: Array
+    mass: float = 0.0
+    of_lift: float = 0.0
+    of_before: float = 0.0
+
+    @classmethod
+    def start(cls, constants: BlockConstants) -> Self:
+        """Return the state before any sample."""
+        size, none = len(constants.prior) + constants.size + 1, np.zeros(constants.size)
+        lift, torques = np.zeros((size, size)), np.zeros((constants.rows, constants.size))
+        return cls(
+            constants,
+            lift=lift,
+            before=lift[LOAD:, LOAD:],
+            taken=0,
+            probable=ProbableErrors(none, none),
+            slopes=none,
+            torques=torques,
+        )
+
+    def end_lift(self) -> None:
+        """Begin another lift: it has ended, or the measurement stopped."""
+        self.before = self.before + self._without_load(self.lift)
+        self.of_lift, self.of_before = 0.0, self.of_lift + self.of_before
+        self.lift, self.taken = np.zeros_like(self.lift), 0
+
+    def update(
+        self, blocks: BlockGatherer, channels: Numbers, resultant: Force, taken: int, drift: DriftFilter
+    ) -> None:
+        """Take a sample.
+
+        blocks:    with this sample
+        channels:  (D,) about which the slow rows are
+        resultant: force at the tool, which an angle that is off seems to turn
+        taken:     samples of the lift
+        drift:     that is taken out of the weight
+        """
+        c = self.constants
+        if taken < self.taken:
+            self.end_lift()
+        self.taken = taken
+        if blocks.explained and taken >= SAMPLES * EVERY:
+            self._take_second(c.without_zeros(blocks.last, drift))
+        slopes, room = ZERO * c.size, ZERO * (2 * LOAD * LOAD)
+        c.kernel.notice(self.lift, blocks.products, len(self.lift), c.prior, c.memory, c.size, room, slopes)
+        self.slopes = np.frombuffer(slopes)
+        turned = c.turned_force(channels, acting(resultant))
+        self.torques = (blocks.errors + turned) * self.probable.sizes
+        errors = self.slopes * self.probable.expected
+        self.mass = sqrt(float(errors @ errors))
+
+    def _take_second(self, block: Array) -> None:
+        """Take one more second of the lift, (K, K)."""
+        c, fading = self.constants, exp(-1.0 / MEMORY)
+        self.of_lift, self.of_before = self.of_lift + 1.0, fading * self.of_before
+        self.lift, self.before = self.lift + block, self.before * fading
+        left = self.before + self._without_load(self.lift)
+        known = len(left) - c.size - 1
+        changes = np.linalg.inv(left[:known, :known] + np.eye(known))
+        own = left[known:, known:] - left[known:, :known] @ changes @ left[:known, known:]
+        square = np.diagonal(own)[:-1]
+        square = np.where(square > 0.0, square, np.inf)
+        sizes = own[:-1, -1] / square
+        certain = np.sqrt(np.maximum(sizes**2 - 1.0 / square, 0.0))
+        samples = (self.of_lift + self.of_before) * SAMPLES * len(self.torques) / c.memory
+        probability = off_probability(sizes * own[:-1, -1], float(own[-1, -1]), samples)
+        self.probable = ProbableErrors(self.within_class(sizes, square), certain, probability)
+
+    def within_class(self, sizes: Array, square: Array) -> Array:
+        """Return the errors (H,) that explain the torques best, known with the information `square` (H,), and what the
+        classes of the sensors say of pressures: where the torques hardly show them, nothing. An angle may slip by any
+        size."""
+        pressures = len(self.constants.pressed)
+        known = 1.0 / (1.0 + CLASS**-2.0 / square[:pressures])
+        return np.concatenate([known * sizes[:pressures], sizes[pressures:]])
+
+    def _without_load(self, rows: Array) -> Array:
+        """Return rows (K-4, K-4) of a lift (K, K), its load taken out."""
+        c, own = self.constants, rows / self.constants.memory
+        load = np.linalg.inv(own[:LOAD, :LOAD] + np.diag(c.prior[:LOAD]))
+        return np.asarray(own[LOAD:, LOAD:] - own[LOAD:, :LOAD] @ load @ own[:LOAD, LOAD:])
+
+
+def off_probability(evidence: Array, left: float, samples: float) -> float:
+    """Return the probability that a signal is off.
+
+    evidence: (H,) squares of the errors that explain the torques best, each over its variance
+    left:     squares of the residual without an error
+    samples:  number of independent samples
+    """
+    scatter = max(1.0, (left - float(evidence.max())) / samples)
+    likely = np.exp(np.minimum(evidence / (2.0 * scatter), MOST)) / sqrt(1.0 + samples)
+    odds = float(likely.sum())
+    return odds / (1.0 + odds)
+
+
+def acting(force: Force) -> complex:
+    """Return a force as x + i z [N]; 0 where it is not known."""
+    known = Status.INVALID not in (force.x.status, force.z.status)
+    return complex(force.x.value, force.z.value) if known else 0j

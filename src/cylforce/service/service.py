@@ -1,0 +1,472 @@
+"""The weighing service: one object that is fed with frames and ticks, and gives estimates."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import hypot
+from typing import Any, Self
+
+from cylforce.estimation.kernel.restricted import Numbers
+from cylforce.mechanics.installation import STANDARD
+from cylforce.service import commands
+from cylforce.service.adaptation import DriftFilter
+from cylforce.service.assembler import Assembler
+from cylforce.service.booking import Bookings, Missed, weighed
+from cylforce.service.commands import NO_SCALE, Answer, Scale
+from cylforce.service.contact.interaction import ForceEstimator, Forces
+from cylforce.service.contact.rocking import BaseFilter
+from cylforce.service.core import TICK_SLACK, Core
+from cylforce.service.loading.cycle import Cycle
+from cylforce.service.loading.lift import Weight
+from cylforce.service.loading.truck import NO_TRUCK, Truck, loaded, refined
+from cylforce.service.memory import NOTHING_KEPT, Memory
+from cylforce.service.pipeline import Pipeline
+from cylforce.service.plausibility.monitor import Monitor
+from cylforce.service.plausibility.sample import MonitorSample
+from cylforce.service.plausibility.suspicion import Level
+from cylforce.service.recognition import Recognizer
+from cylforce.service.residual import InstantResidual
+from cylforce.service.snapshot import Estimator
+from cylforce.service.tool_check import ToolCheck
+from cylforce.service.weighing import LiftEvent, LoadEstimator
+from cylforce.signals.estimate import (
+    Booking,
+    Estimate,
+    Load,
+    Quantity,
+    Reason,
+    Sample,
+    Status,
+    degraded,
+    held_estimate,
+    invalid_force,
+    invalid_load,
+    is_new,
+    less,
+    no_estimate,
+    within,
+)
+from cylforce.signals.events import Event, Frame
+
+MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
+LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
+
+
+@dataclass(slots=True)
+class WeighingService(Estimator):
+    """The running service. It reads no clock, socket, file or random number: time is an argument, so that live
+    operation, replay and simulation differ only in who calls it.
+
+    core:        constants with the standard tool
+    fitted:      constants with the present tool
+    inputs:      last values of the sensors
+    pipeline:    filters, from samples to rows
+    base:        motion of the base
+    load:        recursive estimate of the hanging load
+    bookings:    what is booked
+    tool_check:  whether the tool is the one that was chosen
+    drift:       of friction and pressure zeros
+    recognizer:  whether this is the machine that was identified
+    force:       at the tool, contact, events
+    monitor:     whether the sensors agree
+    estimate:    the last one
+    moving:      (S,) 1 where a signal should change because the machine moves
+    scale:       the operator's zero and tare
+    truck:       that is being loaded
+    cycle:       working cycle so far
+    ended:       working cycle that the last booking ended
+    sampled_us:  time of the last sample that the filters took [us]
+    stopped:     whether NMT has stopped our node
+    tool:        name of the present tool
+    unexplained: residual torque of each measured joint [N m]; empty: not measured
+    frames:      received since the last tick, judged at the next one, all at once
+    """
+
+    core: Core
+    fitted: Core
+    inputs: Assembler
+    pipeline: Pipeline
+    base: BaseFilter
+    load: LoadEstimator
+    bookings: Bookings
+    tool_check: ToolCheck
+    drift: DriftFilter
+    recognizer: Recognizer
+    force: ForceEstimator
+    monitor: Monitor
+    estimate: Estimate
+    moving: Numbers
+    scale: Scale = NO_SCALE
+    truck: Truck = NO_TRUCK
+    cycle: Cycle = field(default_factory=Cycle)
+    ended: Cycle = field(default_factory=Cycle)
+    sampled_us: int = 0
+    stopped: bool = False
+    tool: str = STANDARD
+    unexplained: tuple[float, ...] = ()
+    frames: list[Frame] = field(default_factory=list)
+
+    @classmethod
+    def start(cls, core: Core, kept: Memory = NOTHING_KEPT) -> Self:
+        """Return a service before any event, with the memory from before a restart. A tool that is no longer known is
+        the standard one again."""
+        tool = kept.tool if kept.tool in core.attached else STANDARD
+        fitted = core.fitted[tool]
+        service = cls(
+            core,
+            fitted,
+            inputs=Assembler.start(fitted.inputs),
+            pipeline=Pipeline.start(fitted.pipeline),
+            base=BaseFilter.start(fitted.base),
+            load=LoadEstimator.start(fitted.load),
+            bookings=Bookings.start(fitted.bookings),
+            tool_check=ToolCheck(),
+            drift=DriftFilter.start(fitted.drift),
+            recognizer=Recognizer.start(fitted.recognizer),
+            force=ForceEstimator.start(fitted.force),
+            monitor=Monitor.start(fitted.monitor),
+            estimate=no_estimate(0, Reason.STARTING, kept.booking),
+            moving=fitted.inputs.still,
+            scale=kept.scale,
+            truck=kept.truck,
+            tool=tool,
+        )
+        service._remember(kept)
+        return service
+
+    def _remember(self, kept: Memory) -> None:
+        """Take over bookings from before a restart; a load that was weighed with other tares is lost."""
+        hanging, sizes = kept.hanging, (len(self.fitted.tares.values), self.drift.values.size)
+        if hanging is not None and (hanging.gain.size, hanging.drifted.size) != sizes:
+            kept, hanging = kept.emptied(), None
+        books = self.bookings
+        books.candidate, books.booking, books.unconfirmed = hanging, kept.booking, kept.unconfirmed
+        books.remembered = hanging is not None
+        if kept.lost:
+            books.missed = Missed(1, kept.lost, interrupted=True)
+
+    @property
+    def memory(self) -> Memory:
+        """What a restart does not change."""
+        books = self.bookings
+        return Memory(
+            scale=self.scale,
+            truck=self.truck,
+            booking=books.booking,
+            tool=self.tool,
+            hanging=books.candidate,
+            unconfirmed=books.unconfirmed,
+        )
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Replace the state by a copy of what `snapshot` returned."""
+        self._fit(state["tool"])
+        Estimator.restore(self, state)
+
+    def copied(self, core: Core | None = None) -> "WeighingService":
+        """Return another service in the same state, with the constants of `core` where given."""
+        other = WeighingService.start(self.core if core is None else core)
+        other.restore(self.snapshot())
+        return other
+
+    def _fit(self, tool: str) -> None:
+        """Use the constants of a tool; the state stays."""
+        if tool == self.tool:
+            return
+        other = WeighingService.start(self.core, Memory(tool=tool))
+        for name in ("inputs", "pipeline", "base", "load", "bookings", "drift", "recognizer", "force", "monitor"):
+            estimator = getattr(other, name)
+            estimator.restore(getattr(self, name).snapshot())
+            setattr(self, name, estimator)
+        self.fitted, self.tool = other.fitted, other.tool
+
+    def with_core(self, core: Core, unconfirmed: bool | None = None) -> "WeighingService":
+        """Return a service with other tares from now on: estimators start anew, as after a restart. A load that hangs
+        was weighed with the others and is not booked. Sensors, the operator's settings, NMT's order and a signal that
+        was rejected stay.
+
+        unconfirmed: whether the parameters may be another machine's; None: as before
+        """
+        other = WeighingService.start(core, replace(self.memory, hanging=None))
+        other.bookings.restore(self.bookings.snapshot())
+        other.bookings.lose_sight()
+        other.bookings.probable, other.bookings.seen_us = None, None
+        if unconfirmed is not None:
+            other.bookings.unconfirmed = unconfirmed
+        last = self.estimate
+        other.estimate = no_estimate(last.t_us, Reason.STARTING, other.bookings.booking, last.events)
+        other.inputs.restore(self.inputs.snapshot())
+        other.frames = [*self.frames]
+        other.cycle.restore(self.cycle.snapshot())
+        other.ended.restore(self.ended.snapshot())
+        other.stopped = self.stopped
+        other.monitor.keep_rejection(self.monitor)
+        return other
+
+    def on_frame(self, frame: Frame) -> Answer | None:
+        """Take a frame: a sensor's waits for the next tick, a command is obeyed. Return the answer to a command; None
+        for any other frame. Does not raise for any frame."""
+        if frame.can_id not in self.core.inputs.decoders:
+            own = self.core.service.node_id
+            stopped = commands.stopped(frame, own)
+            if stopped is not None:
+                self.stopped = stopped
+                return None
+            command = commands.read(frame, own)
+            if command is not None and not self.stopped:
+                return self._obey(command)
+            booted = commands.booted(frame)
+            if booted is not None:
+                self.receive()
+                self.inputs.restart(booted)
+                return None
+        self.frames.append(frame)
+        if len(self.frames) >= MOST_FRAMES:
+            self.receive()
+        return None
+
+    def on_event(self, event: Event) -> Estimate | None:
+        """Take a frame or a tick; return the estimate of a tick."""
+        if isinstance(event, Frame):
+            self.on_frame(event)
+            return None
+        return self.on_tick(event.t_us)
+
+    def receive(self) -> None:
+        """Judge the frames received since the last tick."""
+        self.inputs.receive(self.frames, self.moving)
+        self.frames.clear()
+
+    def _obey(self, command: commands.Command) -> Answer:
+        if isinstance(command, commands.ToolCommand):
+            return self._change_tool(command.number)
+        if isinstance(command, commands.ScaleCommand):
+            rated = self.fitted.service.machine.rated_payload
+            self.scale, answer = commands.obey(command, self.scale, self.estimate.load.mass, rated)
+            return answer
+        if command.sub == commands.ADD:
+            return self._book_by_hand(command.data)
+        ruling = commands.obey_loading(command, self.truck)
+        self.truck = ruling.truck
+        return Answer(ruling.verdict, ruling.words)
+
+    def _book_by_hand(self, data: bytes) -> Answer:
+        """Book a bucket that was not weighed. A booking that was still becoming more precise stays as it is."""
+        made, ruling = commands.added(data, self.bookings.booking, self.estimate.t_us, self.truck)
+        if made is not None:
+            self.bookings.booking, self.bookings.dumped, self.truck = made, None, ruling.truck
+        return Answer(ruling.verdict, ruling.words)
+
+    def _change_tool(self, number: int) -> Answer:
+        """Choose a tool: the weighing begins anew, zero and tare are 0. Friction and pressure zeros are the arm's, so
+        the drift stays. A load that hangs is not booked."""
+        tool, answer = commands.chosen_tool(number, self.core.service.tools, self.tool)
+        if answer.verdict or tool == self.tool:
+            return answer
+        self.receive()
+        self._fit(tool)
+        self.bookings.lose_sight()
+        self.bookings.seen_us = None
+        self.load.interrupt()
+        self.tool_check = ToolCheck()
+        self.recognizer = Recognizer.start(self.fitted.recognizer)
+        self.scale = Scale()
+        self._interrupt(self.estimate.t_us, Reason.STARTING)
+        return answer
+
+    def on_tick(self, t_us: int) -> Estimate:
+        """Return the estimate of a tick at the time `t_us` [us]."""
+        core = self.fitted
+        self.receive()
+        sample = self.inputs.sample(t_us)
+        channels = max(sample.reasons) if any(sample.reasons) else core.pipeline.read(sample.plain)
+        periods = (t_us - self.sampled_us) / core.period_us
+        follows = sample.late is Reason.NONE and TICK_SLACK < periods < core.longest_step
+        if not follows or self.pipeline.state is None or isinstance(channels, Reason):
+            self._hold_or_restart(sample, channels)
+            return self.estimate
+        instant = self.pipeline.update(channels, round(periods))
+        self.sampled_us = t_us
+        self.moving = core.pipeline.moving(instant.speed)
+        if self.pipeline.steps <= core.load.settle_steps:
+            self.estimate = self._no_estimate(t_us, Reason.STARTING)
+            return self.estimate
+        usable = instant.usable
+        residual = core.load.residual(instant.numbers, self.drift.values)
+        self.base.update(residual, channels, self.load.lift, usable)
+        tilt = None if core.service.machine.opens else sum(channels[: core.service.machine.size])
+        weight = self.load.update(residual, usable, self.drift, tilt)
+        curled = self._is_curled(channels)
+        load = self.load.load(weight, curled=curled)
+        before = self.bookings.booking
+        self.note_weight(weight, t_us, tilt, curled=curled)
+        lift = None if load.mass.status is Status.INVALID else self.load.lift
+        undetected = self.monitor.undetected.torques
+        forces = self.force.update(instant, usable, self.drift.values, lift, t_us, undetected)
+        gross = less(load.mass, self.scale.zero)
+        self.monitor.update(
+            MonitorSample(
+                values=sample.plain,
+                arrivals=self.inputs.arrivals_us,
+                leapt=sample.leapt,
+                pipeline=self.pipeline,
+                instant=instant,
+                residual=residual.torque,
+                forces=forces,
+                drift=self.drift,
+                gross=gross,
+                lift=self.load.lift,
+                weighed=self.force.carried.known,
+            )
+        )
+        self._withhold()
+        self._adapt(load, residual, usable)
+        self.recognizer.update(residual, usable)
+        self.unexplained = tuple(residual.torque)
+        self.estimate = self._estimate(load, forces, t_us)
+        self.cycle.update(self.estimate)
+        self._load_truck(before)
+        return self.estimate
+
+    def _hold_or_restart(self, sample: Sample, channels: Numbers | Reason) -> None:
+        """Handle a tick that does not go on from the one before: signals are late or not usable, or it comes too early
+        or too late."""
+        begun = self.pipeline.state is not None
+        if sample.late is not Reason.NONE and begun and not any(sample.reasons):
+            self.estimate = held_estimate(self.estimate, sample.t_us, sample.late)
+        elif isinstance(channels, Reason):
+            strayed = tuple(k for k, reason in enumerate(sample.reasons) if reason is Reason.OUT_OF_RANGE)
+            self._interrupt(sample.t_us, channels, strayed)
+        else:
+            self._interrupt(sample.t_us, Reason.TIME_JUMP if begun else Reason.STARTING)
+            self.pipeline.begin(channels)
+            self.sampled_us = sample.t_us
+
+    def _interrupt(self, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> None:
+        """Start filters and lift again after an interruption; no value is shown. At an end stop the bucket still counts
+        as observed.
+
+        strayed: signals outside their range
+        """
+        self.pipeline.stop()
+        self.moving = self.fitted.inputs.still
+        self.load.interrupt()
+        self.bookings.end_lift()
+        if reason is Reason.END_STOP:
+            self.bookings.seen_us = t_us
+        self.recognizer.interrupt()
+        self.force.interrupt()
+        self.base.interrupt()
+        self.monitor.interrupt(frozen=reason is Reason.FROZEN, strayed=strayed)
+        self.estimate = self._no_estimate(t_us, reason)
+        self.unexplained = ()
+
+    def _no_estimate(self, t_us: int, reason: Reason) -> Estimate:
+        """Return an estimate without values; the last booking and events stay."""
+        return no_estimate(t_us, reason, self.estimate.booking, self.estimate.events)
+
+    def _is_curled(self, channels: Numbers) -> bool:
+        """Return whether the bucket is curled as far as the machine file wants it for a booking."""
+        machine = self.fitted.service.machine
+        return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
+
+    def note_weight(self, weight: Weight, t_us: int, tilt: float | None, *, curled: bool) -> None:
+        """Note the weight for a booking every LATER_S of a lift, while the bucket is curled or empty."""
+        bookings, lift = self.bookings, self.load.lift
+        bookings.seen(t_us)
+        if self.load.event is LiftEvent.ENDED:
+            bookings.end_lift()
+        elif self.load.event is LiftEvent.CHANGED:
+            bookings.change_load()
+        if lift.taken % bookings.constants.every or not (curled or self.load.is_light(weight)):
+            return
+        self.tool_check.update(self.load, weight)
+        if self.load.doubt(weight) is None:
+            slopes = self.monitor.undetected.slopes
+            bookings.update(weighed(lift, bookings.constants.parameters, tilt, slopes), t_us, self.drift)
+
+    def _withhold(self) -> None:
+        """Let bookings wait while it is not certain that the sensors agree; book nothing while they do not."""
+        suspicion = self.monitor.suspicion
+        if suspicion.level is not Level.FINE and not suspicion.waits:
+            self.bookings.lose_sight()
+        self.bookings.withheld = self.monitor.unsure
+        self.bookings.probable = self.monitor.undetected.probable
+
+    def _adapt(self, load: Load, residual: InstantResidual, usable: Numbers) -> None:
+        """Update the drift; it changes only while the bucket is known to be empty and the sensors agree."""
+        if not self.fitted.adapts or not self.monitor.suspicion.follows:
+            return
+        if self.fitted.load.is_empty(load):
+            self.drift.update(residual, usable)
+        else:
+            self.drift.pause()
+
+    def _load_truck(self, before: Booking | None) -> None:
+        """Give the truck one more bucket after a booking, which ends the cycle; its mass follows the booking while that
+        becomes more precise.
+
+        before: booking at the last tick
+        """
+        booking = self.bookings.booking
+        if booking is None or booking is before:
+            return
+        if before is not None and not is_new(booking, before):
+            self.truck = refined(self.truck, booking.number, booking.dumped - before.dumped)
+            return
+        self.truck = loaded(self.truck, booking, self.scale.tare)
+        self.ended, self.cycle = self.cycle, Cycle(self.estimate.t_us)
+
+    def _estimate(self, load: Load, forces: Forces, t_us: int) -> Estimate:
+        """Return the published estimate: load, load less zero (gross), less tare (net), and forces.
+
+        INVALID while a signal is rejected; a force is DEGRADED while something seems to touch the tool that is swung;
+        all is DEGRADED for the reasons of `_doubts`; gross and net are INVALID outside their declared range."""
+        resultant, soil = forces.resultant, forces.soil
+        if self.monitor.suspicion.level is Level.REJECTED:
+            reason = Reason.NOT_THIS_MACHINE if self.recognizer.another else Reason.SENSORS_DISAGREE
+            load, resultant = invalid_load(reason), invalid_force(reason)
+            soil = resultant
+        elif self.force.contact.touching and self.monitor.slews_fast:
+            change = partial(degraded, reason=Reason.SLEWING)
+            resultant, soil = resultant.changed(change), soil.changed(change)
+        for reason in self._doubts(t_us):
+            change = partial(degraded, reason=reason)
+            load, resultant, soil = load.changed(change), resultant.changed(change), soil.changed(change)
+        if self.tool_check.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
+            load = invalid_load(Reason.OTHER_TOOL)
+        mass = load.mass
+        if mass.status is not Status.INVALID:
+            error = hypot(mass.standard_error, self.monitor.undetected.mass)
+            mass = Quantity(mass.value, error, mass.status, mass.reason)
+            load = Load(mass, load.centre_x, load.centre_z)
+        limits, rated = self.core.gross_limits, self.fitted.service.machine.rated_payload
+        gross = within(less(mass, self.scale.zero), limits, rated)
+        net = within(less(gross, self.scale.tare), limits, rated) if self.scale.tare else gross
+        return Estimate(
+            t_us,
+            load=load,
+            gross=gross,
+            net=net,
+            force=resultant,
+            booking=self.bookings.booking,
+            soil=soil,
+            events=self.force.contact.events,
+        )
+
+    def _doubts(self, t_us: int) -> list[Reason]:
+        """Return the reasons why nothing that is published now is OK."""
+        reasons = list[Reason]()
+        if self.recognizer.another and self.fitted.tares.identified:
+            reasons.append(Reason.NOT_THIS_MACHINE)
+        if self.tool_check.off is not None:
+            reasons.append(Reason.OTHER_TOOL)
+        if self.bookings.unconfirmed:
+            reasons.append(Reason.NOT_CONFIRMED)
+        if self.monitor.suspicion.level is Level.DOUBTED or self.bookings.withheld:
+            reasons.append(Reason.SENSORS_DISAGREE)
+        if abs(t_us - self.inputs.long_us) < LONG_FRAME_US:
+            reasons.append(Reason.LONG_FRAME)
+        if self.inputs.spoofed(t_us):
+            reasons.append(Reason.OWN_IDENTIFIER)
+        return reasons
