@@ -1,7 +1,7 @@
-"""The study of the kernel's files covers the kernel: every function of it that the service calls is in one file's row."""
+"""The study of the kernel's files covers the kernel: every function that the service calls is in one row."""
 
 from cylforce.estimation.kernel import choice
-from studies.kernel_files import FILES, mixed
+from studies.kernel_files import FILES
 
 
 def test_every_function_of_the_kernel_belongs_to_one_file():
