@@ -157,7 +157,7 @@ def test_a_live_step_makes_the_calls_of_the_walk_in_that_order(trace):
 
 
 def test_no_hop_is_missing(trace):
-    """Whatever is listed is called by what is listed; only the loop calls the two that begin; helpers call the seldom ones."""
+    """Whatever is listed is called by what is listed; only the loop calls those that begin."""
     callers = {}
     for name, caller in trace.calls:
         callers.setdefault(name, set()).add(caller)

@@ -38,6 +38,17 @@ def test_a_healthy_machine_has_no_gap(seed):
     assert not any(spot.found for spot in found.spots)
 
 
+def test_oil_of_another_temperature_is_no_fault():
+    """More friction in every cylinder is colder oil; in one cylinder alone it is a fault of that one."""
+    sizes = {("viscous_friction", "stick"): 1e4, ("viscous_friction", "bucket"): 8e3}
+    sizes |= {("coulomb_friction", "stick"): 1200.0, ("coulomb_friction", "bucket"): 1000.0}
+    colder = tuple(effect(*key, size) for key, size in sizes.items())
+    found = diagnosed((FIELD, colder))
+    assert (found.verdict, names(found)) == (Verdict.NO_GAP, [])
+    assert found.other_oil
+    assert not diagnosed((FIELD, ())).other_oil
+
+
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f"{f.group[0].about.name}@{f.at}")
 def test_a_visible_effect_is_named_first_with_its_magnitude(fault):
     true = (fault.group[0].about.name, fault.at)

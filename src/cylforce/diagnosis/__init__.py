@@ -41,7 +41,16 @@ from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_par
 from cylforce.diagnosis.model import identified as model_identified
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
-from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, FieldQuestion, Found, Key, examined
+from cylforce.diagnosis.search import (
+    NO_GAP,
+    UNKNOWN,
+    Candidate,
+    FieldQuestion,
+    Found,
+    Key,
+    examined,
+    log_with_other_oil,
+)
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
 from cylforce.estimation.model import Model
@@ -96,6 +105,11 @@ class Diagnosis:
     refuted: tuple[str, ...] = ()
     picture: Picture | None = None
     same: dict[Key, Key] = field(default_factory=dict)
+
+    @property
+    def other_oil(self) -> bool:
+        """True where the gap is what oil of another temperature makes of a healthy machine's friction."""
+        return self.verdict is Verdict.NO_GAP and self.evidence.has_gap and self.evidence.weight_of_oil > 0.0
 
 
 def question_of(
@@ -217,7 +231,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
     """
     question = found.question
     sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP
-    evidence, same = one_answer(HypothesisEvidence(found, sure=sure))
+    evidence, same = one_answer(HypothesisEvidence(found, sure=sure, oil=log_with_other_oil(found)))
     plain = Simulation(question, None).run((), rng)
     refuted, refused = list[str](), False
     while True:
@@ -225,7 +239,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
         cost = costs(evidence, key)
         verdict = min(cost, key=lambda v: cost[v])
         if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
-            if refused and verdict is Verdict.NO_GAP:
+            if refused and verdict is Verdict.NO_GAP and evidence.has_gap:
                 verdict = Verdict.UNKNOWN  # a wrong law of one effect is no sign of a healthy machine
             if found.work is not None:  # unknown loads and contact may hide either
                 verdict = Verdict.NOT_OBSERVABLE

@@ -24,6 +24,9 @@ TAIL = 0.03  # probability that a joint's residual is unlike that of healthy mac
 # Run-to-run variation of a healthy machine, in least plausible magnitudes (table of the ablation in the chapter).
 STATIC_CHANGE = 0.02  # of geometry, masses, gains, scales: pins do not move from day to day; the rest is model error
 VARYING_CHANGE = 0.2  # of friction and of pressure zeros, which follow the temperature
+# Friction with oil of another temperature, relative to its magnitude, by the names of the parameters; physics: the
+# viscosity of ISO VG 46 is five times as large at 10 degC as at 40, dry friction and return pressure twice.
+OIL_CHANGE = {"viscous": 3.0, "coulomb": 1.0, "load_dependent": 1.0, "directional": 1.0}
 CREEP_CHANGE = 1.0  # of friction at creep, whose law is the least certain
 
 # Evidence and its strength.

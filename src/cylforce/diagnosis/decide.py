@@ -1,7 +1,7 @@
 """Probabilities of hypotheses from their evidence, and the answer with the least expected cost."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 
@@ -19,7 +19,9 @@ from cylforce.diagnosis.constants import (
 from cylforce.diagnosis.likelihood import effective_share
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
+from cylforce.signals.estimate import Array
 
+LARGEST_LOG = 500.0  # of a weight; physics: beyond it a double overflows
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
@@ -40,12 +42,14 @@ class HypothesisEvidence:
 
     found:     everything that the search found
     withdrawn: causes that their simulation refutes, or that repeat another answer
-    sure:      whether the gap is too large for any healthy machine
+    sure:      whether the gap is too large for any healthy machine with oil as warm as in the references
+    oil:       log probability of a healthy machine with oil of another temperature; None if that is no answer
     """
 
     found: Found
     withdrawn: frozenset[Key] = frozenset()
     sure: bool = False
+    oil: float | None = None
 
     @cached_property
     def candidates(self) -> list[Candidate]:
@@ -128,6 +132,11 @@ class HypothesisEvidence:
         """Gap at the worst joint before any effect, in noise floors."""
         return float(np.max(self.found.gaps))
 
+    @property
+    def has_gap(self) -> bool:
+        """True where the gap is larger than between two recordings of a healthy machine."""
+        return self.gap**2 - 1.0 > SAME_MACHINE
+
     def explained(self, rest: float) -> float:
         """Return the share of the gap's energy above the noise floor that is removed.
 
@@ -150,13 +159,26 @@ class HypothesisEvidence:
         return effective_share(max(each)[1])
 
     @cached_property
-    def weights(self) -> tuple[list[float], list[float]]:
-        """Posterior weights of the candidates and of the incidents; the largest is 1."""
+    def _logs(self) -> Array:
+        """Log posterior weights of the candidates and of the incidents."""
         none = self.found.healthy.log
         logs = [self.strength * (c.log - none) + self.prior_of(c) for c in self.candidates]
         logs += [self.strength * (i.log - none) + self.prior_of_incident(i) for i in self.incidents]
-        weights = np.exp(np.array(logs) - np.max(logs)).tolist()
+        return np.array(logs)
+
+    @cached_property
+    def weights(self) -> tuple[list[float], list[float]]:
+        """Posterior weights of the candidates and of the incidents; the largest is 1."""
+        weights = np.exp(self._logs - np.max(self._logs)).tolist()
         return weights[: len(self.candidates)], weights[len(self.candidates) :]
+
+    @property
+    def weight_of_oil(self) -> float:
+        """Posterior weight of a healthy machine whose oil has another temperature, in the same unit."""
+        if self.oil is None:
+            return 0.0
+        log = self.strength * (self.oil - self.found.healthy.log) + float(np.log(HEALTHY * SECOND_EFFECT))
+        return float(np.exp(min(log - np.max(self._logs), LARGEST_LOG)))
 
     def lawful(self, c: Candidate) -> float:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law."""
@@ -184,6 +206,9 @@ class HypothesisEvidence:
             found[key] = found.get(key, 0.0) + weight
         if self.sure:
             found[NO_GAP] = 0.0
+        found[NO_GAP] += self.weight_of_oil
+        if not self.has_gap:
+            found[NO_GAP], found[UNKNOWN] = found[NO_GAP] + found[UNKNOWN], 0.0
         whole = sum(found.values())
         return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
 
@@ -305,6 +330,6 @@ def one_answer(evidence: HypothesisEvidence) -> tuple[HypothesisEvidence, dict[K
         lacking = [key for key in both if likeliest is not None and key not in likeliest.keys]
         if lacking:
             kept = next(key for key in both if key != lacking[0])
-            evidence = HypothesisEvidence(evidence.found, evidence.withdrawn | {lacking[0]}, evidence.sure)
+            evidence = replace(evidence, withdrawn=evidence.withdrawn | {lacking[0]})
             same[kept] = lacking[0]
     return evidence, same

@@ -4,7 +4,7 @@ All forms are screened at once. A small beam of hypotheses with more and more ef
 examined again with their columns at the magnitudes found, and with their shape parameters refined.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -17,6 +17,7 @@ from cylforce.diagnosis.constants import (
     FEW_BLOCKS,
     INCIDENT,
     INCIDENT_SIZES,
+    OIL_CHANGE,
     PAYLOAD,
     POLYNOMIALS,
     SAME_MACHINE,
@@ -54,12 +55,14 @@ from cylforce.diagnosis.model import (
 )
 from cylforce.diagnosis.regressors import ColumnSource, ReturnLevel, return_evidence, return_levels
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, SharedNoise
+from cylforce.effects.effect import Parameter
 from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped, shapes
 from cylforce.effects.imposed import Imposed
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Group, Proposal
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
+from cylforce.estimation.model import Model
 from cylforce.readings.constants import BLOCK_ROWS, HEALTHY, LOAD_CENTRE, UNKNOWN_EFFECT
 from cylforce.readings.zeros import NAME as OFFSET
 from cylforce.readings.zeros import Zero
@@ -146,6 +149,7 @@ class FieldQuestion:
     jumps:   evidence [nats] of the number of jumps of a reading, by its signal
     zeros:   readings of pressure sensors without pressure, by their signals
     free:    whether the model's parameters are free, because they may be another machine's
+    oil:     whether the oil may have another temperature than in the references
     refined: an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
@@ -159,6 +163,7 @@ class FieldQuestion:
     jumps: Mapping[int, float] = field(default_factory=dict)
     zeros: Mapping[int, Zero] = field(default_factory=dict)
     free: bool = False
+    oil: bool = False
     refined: Refined | None = None
 
     @cached_property
@@ -296,10 +301,29 @@ class FieldQuestion:
         if self.free:
             count = len(self.machine.regressors.parameters)
             covariance[:count, :count] += np.eye(count)
+        if self.oil:
+            covariance[: len(own.mean), : len(own.mean)] += np.diag(np.square(self.oil_change))
         for k in range(CENTRE * len(self.loaded)):
             covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
         pad = np.zeros(more)
         return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise)
+
+    @cached_property
+    def oil_change(self) -> Array:
+        """Standard deviations (K,) of the friction parameters when the oil has another temperature, in typical sizes.
+
+        The magnitude of a law in all cylinders together is known better than in one: it is shared by piston area.
+        """
+        regressors, found = self.machine.regressors, np.zeros(self.machine.layout.size)
+        values = regressors.parameters + self.machine.values[: len(regressors.parameters)]
+        areas = {c.name: c.area_head for c in regressors.model.machine.cylinders}
+        for law, change in OIL_CHANGE.items():
+            own = [(k, areas.get(p.name.rpartition(".")[0], 0.0)) for k, p in _named(regressors.model, law)]
+            whole = sum(area for _, area in own)
+            level = sum(abs(float(values[k])) for k, _ in own) / whole if whole else 0.0
+            for k, area in own:
+                found[k] = change * level * area / self.unit[k]
+        return found
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
         """Return the likelihood of the recordings, or of some of their blocks (B,)."""
@@ -937,6 +961,49 @@ class Found:
 def without_gap(residual: Array, floor: Array | float = 1.0) -> Mask:
     """Return the joints (R,) without a gap: the residual is as small as between two recordings of a healthy machine."""
     return np.asarray(residual**2 <= (1.0 + SAME_MACHINE) * floor**2)
+
+
+def _named(model: Model, law: str) -> Iterator[tuple[int, Parameter]]:
+    """Yield the parameters of a law of friction, with their numbers."""
+    for k, parameter in enumerate(model.parameters):
+        if parameter.name.rpartition(".")[2] == law:
+            yield k, parameter
+
+
+def log_with_other_oil(found: Found) -> float | None:
+    """Return the log probability of a healthy machine whose oil has another temperature; None if that is no answer.
+
+    Oil changes the friction of all cylinders in the same direction, and so at least two joints have a gap.
+    """
+    question = found.question
+    if found.work is not None or question.free or question.machine.source is KnowledgeSource.DATA_SHEET:
+        return None
+    if np.count_nonzero(~without_gap(found.gaps)) < 2:
+        return None
+    case = replace(question, oil=True).likelihood()
+    hypothesis = case.likeliest((), case.machine.noise)
+    changes = case.state(hypothesis.noise).fitted * question.unit
+    pushed = _friction_at_usual_speed(question, changes)
+    if np.all(pushed > 0.0) or np.all(pushed < 0.0):
+        return hypothesis.log
+    return None
+
+
+def _friction_at_usual_speed(question: FieldQuestion, changes: Array) -> Array:
+    """Return the change of friction [N] of the cylinders that move, at their rms speed.
+
+    changes: (K',) changes of the columns' sizes [SI]
+    """
+    model = question.machine.regressors.model
+    speed = np.sqrt(np.nanmean(np.square(np.concatenate([s.rows.speed for s in question.seen])), axis=0))
+    found = {c.name: 0.0 for c in model.machine.cylinders}
+    for law in ("viscous", "coulomb"):
+        for k, parameter in _named(model, law):
+            name = parameter.name.rpartition(".")[0]
+            if name in found:
+                number = [c.name for c in model.machine.cylinders].index(name)
+                found[name] += float(changes[k]) * (float(speed[number]) if law == "viscous" else 1.0)
+    return np.array([found[c.name] for c, v in zip(model.machine.cylinders, speed, strict=True) if v > 0.0])
 
 
 def examined(
