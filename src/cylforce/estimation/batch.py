@@ -19,7 +19,7 @@ from cylforce.signals.estimate import Array
 RANK = 1e-6  # times the largest singular value: directions of the scaled parameters below it are not determined; chosen
 OUTLIER = 16.0  # times the median mean square of a row's residuals: blocks beyond it get a smaller weight; chosen
 ROUNDS = 4  # of reweighting after the first fit; chosen
-MOST_REMOVED = 0.9  # of the information in a direction: no more is subtracted for noise or a left-out block; chosen
+MOST_REMOVED = 0.9  # of the information in a direction: no more is subtracted for noise or an omitted block; chosen
 
 
 class Fit(NamedTuple):

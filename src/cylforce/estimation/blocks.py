@@ -2,8 +2,8 @@
 
 A block is a few seconds of a recording. Its rows [columns | observed] are stored as the triangle R of their QR
 decomposition. R is sufficient for least squares: parameters, sums of squared residuals, scores. Each block has its own
-weight: it can be left out (prediction of data not used in the fit) or given a small weight (outliers). Its residuals
-can be summed up (standard errors with correlation). When there are too many blocks, neighbours are merged."""
+weight: zero to predict it from the other blocks, a small one for an outlier. Its residuals can be summed up (standard
+errors with correlation). When there are too many blocks, neighbours are merged."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache

@@ -42,7 +42,7 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
     """Return the state after further rows observed = columns @ values. A row of infinite variance has no effect.
 
     columns:  (R, P) of the rows
-    observed: (R,) left-hand side
+    observed: (R,) observed values
     variance: (R,) of the error of each row
     """
     weight = 1.0 / np.sqrt(variance)
