@@ -42,12 +42,12 @@ def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
 
     The data sheet of that link is trusted within its tolerances."""
     old, new, put = tool_of(standard.machine.links[-1]), tool_of(other.machine.links[-1]), other.load
-    # (3, P): m x, m z, J of the tool, with what a data sheet's link contains of linkages' bars
+    # (3, P): from Phi to the tool's m x, m z, J, with the linkages' bars that a data sheet's link contains
     own = put[:, 1:].T @ represented(standard.machine, tares.names)
-    heavier = np.linalg.solve(old.covariance[1:, 1:], old.covariance[1:, 0])
-    unknown = old.covariance[0, 0] - heavier @ old.covariance[1:, 0]  # of the mass, when the moments are known
+    heavier = np.linalg.solve(old.covariance[1:, 1:], old.covariance[1:, 0])  # C_bb^-1 C_bm
+    unknown = old.covariance[0, 0] - heavier @ old.covariance[1:, 0]  # variance of the mass, given the moments
     mass = old.values[0] + heavier @ (own @ tares.values - old.values[1:])
-    values = tares.values + put @ (new.values - np.append(mass, own @ tares.values))
+    values = tares.values + put @ (new.values - np.append(mass, own @ tares.values))  # Phi + L (b' - b)
     common = np.eye(len(values)) - put @ np.vstack([heavier @ own, own])
     turned, changed = _turned(standard, other)
     values[turned] += changed

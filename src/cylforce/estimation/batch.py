@@ -184,7 +184,7 @@ def _covariance(data: Factors, found: _Round, root: Array) -> Array:
     gain, axes = _enlarged(np.swapaxes(across, 1, 2) @ across)
     pull = np.sum(axes * (gain * np.sum(axes * pull[:, :, None], axis=1))[:, None], axis=2)
     known = root[:, :-1] @ white
-    return np.asarray(white @ (pull.T @ pull + known.T @ known) @ white.T)
+    return np.asarray(white @ (pull.T @ pull + known.T @ known) @ white.T)  # B (sum s s' + L'L) B, B = white white'
 
 
 def _inflation(triangle: Array, meat: Array) -> float:

@@ -150,9 +150,13 @@ def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = T
     """Return the factors of a recording.
 
     The columns are those of the P parameters, the three of the tool and those of the C pressures' zero errors, whose
-    noise is neglected. The marks of a block are the mean posture (N), the cylinders' mean absolute speed (C) and the
-    shares of time in which they extend (C) and retract (C). The marks of the measured joints are the mean fitted torque
-    (R) [N m], zero where a row is not fitted, and the share of time in which it is fitted (R).
+    noise is neglected. The marks of a block are, in this order:
+    posture (N):    mean [rad]
+    speed (C):      mean absolute speed of the cylinders [m/s]
+    extending (C):  share of time in which they extend
+    retracting (C): share of time in which they retract
+    torque (R):     mean fitted torque [N m], zero where a row is not fitted
+    fitted (R):     share of time in which a row is fitted
 
     Raises TooShortError with a sentence when no segment is long enough.
 

@@ -50,7 +50,8 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
     stacked = np.empty((size + weight.size, size + 1))
     stacked[:size, :size], stacked[:size, size] = root.factor, root.right
     stacked[size:, :size], stacked[size:, size] = columns * weight[:, None], observed * weight
-    reflected = np.linalg.qr(stacked, mode="raw")[0].T  # below the diagonal: the vectors of the reflections
+    # QR of [R z; A/s b/s]; below the diagonal: the vectors of the reflections
+    reflected = np.linalg.qr(stacked, mode="raw")[0].T
     return Root(reflected[:size, :size] * _upper(size), reflected[:size, size].copy())
 
 
@@ -69,7 +70,7 @@ def forget(root: Root, columns: Array, keep: float) -> Root:
     seen = root.factor @ columns.T
     basis, size, _ = np.linalg.svd(seen, full_matrices=False)
     basis = basis[:, size > FORGETTING_RANK * max(float(size[0]), 1e-300)] if size[0] > 0.0 else basis[:, :0]
-    lose = (1.0 - np.sqrt(keep)) * basis
+    lose = (1.0 - np.sqrt(keep)) * basis  # R <- R - (1 - sqrt(keep)) Q Q' R
     return Root(root.factor - lose @ (basis.T @ root.factor), root.right - lose @ (basis.T @ root.right))
 
 

@@ -112,8 +112,8 @@ class FilteredRegressor:
     """Filtered rows S (d/dt L momentum + L static) = S L torque: L low-pass of first order, S low-pass of second order.
 
     Both are one filter with two numerators: `filters.slope` for the momentum, `filters.mean` for static columns and
-    torque. At the start the momentum filter is settled at its first input and the others are at zero, so that the
-    identity holds from the first sample on.
+    torque. At the start the momentum filter is settled at its first input and the others are at zero. The identity then
+    holds from the first sample on.
 
     regressor:    the columns before the filters
     dt:           fixed step [s]

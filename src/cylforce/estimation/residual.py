@@ -42,7 +42,7 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     """
     size = len(model.parameters)
     columns = rows.columns[..., :size]
-    torque = tares.scale * (rows.torque - columns @ tares.values - drift)
+    torque = tares.scale * (rows.torque - columns @ tares.values - drift)  # r = scale (torque - W Phi - drift)
     rest = _at_rest(model, tares, rows) ** 2 if len(model.coulomb) else np.zeros_like(torque)
     return Residual(torque, tares.row_error**2 + (RELATIVE * torque) ** 2, rest, columns)
 

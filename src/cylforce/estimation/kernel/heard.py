@@ -6,14 +6,14 @@ from math import log
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
 
 GROUP: Count = 25  # steps of which the mean is taken, 0.25 s at 100 Hz: shorter than a stroke, longer than noise
-GROUPS: Count = 16  # of motion of the cylinder that are compared
-EACH_WAY: Count = 4  # of them at least in either direction
+GROUPS: Count = 16  # groups, in motion of the cylinder, that are compared
+EACH_WAY: Count = 4  # smallest number of them in either direction
 TINY: Number = 1.0  # Pa^2: noise is not less than a pascal
-NOISES: Count = 64  # groups whose noise is remembered, 16 s of motion
-LATEST: Count = 8  # of them, 2 s, in which it may be gone already
+NOISES: Count = 64  # groups whose noise is stored, 16 s of motion
+LATEST: Count = 8  # last ones of them, 2 s, in which the noise may be gone already
 KNOWN: Count = 24  # groups before them whose noise must be known; chosen
-SECOND: Number = 6.0  # times the variance of white noise is that of its second differences
-CODES: Count = 2  # readings of no more values show the sensor's digits, not its noise
+SECOND: Number = 6.0  # variance of second differences over that of white noise: 1 + 4 + 1
+CODES: Count = 2  # readings with no more different values than this show the sensor's resolution, not its noise
 
 
 def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Count:

@@ -10,9 +10,9 @@ from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers
 
 @record
 class KernelSolver:
-    """Constants of R rows of K columns, of which the first P are those of the tares, C cylinders, D drifting parameters
-    and T unknowns at the tool. The limits are those of `service`, by the same names. One solver serves one thread,
-    because it has room for intermediate results.
+    """Constants of R rows of K columns, of which the first P are those of the tares; C cylinders; D drifting
+    parameters; T unknowns at the tool. The limits are those of `service`, by the same names. One solver serves one
+    thread, because it has room for intermediate results.
 
     at_rest, tip, coulomb: first columns of friction at rest, of the tool and of Coulomb friction
     loads, dry_size:    lengths of `load` and of `dry`

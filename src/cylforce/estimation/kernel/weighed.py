@@ -78,7 +78,7 @@ def shift(s: KernelSolver, lift: Numbers, drift: Numbers) -> None:
         s.spread[4 + i] = by
     for i in range(4):
         total = lift[VALUES + i]
-        for j in range(4):
+        for j in range(4):  # b = values - C gram_D drift
             total -= lift[COVARIANCE + 4 * i + j] * s.spread[4 + j]
         s.spread[i] = total
 
