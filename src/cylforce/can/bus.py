@@ -24,7 +24,7 @@ FIRST_DELAY_S, LAST_DELAY_S = 0.1, 1.0  # s before a failed bus is opened again,
 
 
 class BusError(Exception):
-    """A bus that cannot be opened; the text is a sentence that says why and what to do."""
+    """A bus cannot be opened; the text is a sentence with the reason and the cure."""
 
 
 @dataclass(slots=True)
@@ -99,7 +99,7 @@ class Bus(ABC):
         return 0
 
     def close(self) -> None:
-        """Detach and close; it may be called twice."""
+        """Detach and close the bus; a second call has no effect."""
         if self._again is not None:
             self._again.cancel()
         self._shut()

@@ -52,9 +52,7 @@ class Timer:
         return self._fd
 
     def read(self) -> int:
-        """Return the number of expirations since the last call; more than 1: the reader was late and has missed the
-        others.
-        """
+        """Return the number of expirations since the last call. More than 1 means that the reader was late."""
         try:
             expirations = int.from_bytes(os.read(self._fd, 8), "little")
         except BlockingIOError:
@@ -64,11 +62,11 @@ class Timer:
 
     @property
     def deadline_us(self) -> int:
-        """Return the time at which the expiry that was read last was due, on the scale of `now_us()` [us]."""
+        """Time at which the expiry that was read last was due, on the scale of `now_us()` [us]."""
         return (_START_NS + self._first_ns + (self._count - 1) * self._period_ns) // 1000
 
     def close(self) -> None:
-        """Close the timer; it may be called twice."""
+        """Close the timer; a second call has no effect."""
         if self._fd >= 0:
             os.close(self._fd)
         self._fd = -1

@@ -130,12 +130,12 @@ class SocketCan(Bus):
 
 
 def waited_us(ancillary: list[tuple[int, int, bytes]], wall_ns: int) -> int:
-    """Return how long ago [us] a frame came; 0 without a valid stamp.
+    """Return the time [us] since a frame was received; 0 without a valid stamp.
 
     A stamp is invalid when it lies in the future, or so far back that the wall clock was set since.
 
     ancillary: ancillary data of the frame
-    wall_ns: present wall clock [ns]
+    wall_ns:   present wall clock [ns]
     """
     for level, kind, data in ancillary:
         if (level, kind) == (socket.SOL_SOCKET, _STAMP):

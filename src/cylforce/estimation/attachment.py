@@ -1,8 +1,8 @@
-"""The tares of a machine with another tool, from those that were identified with its standard one.
+"""Tares of a machine with another tool, from those that were identified with its standard tool.
 
-A tool (m, m x, m z, J about the last pin) adds L (m, m x, m z, J) to the parameters, with L of `Model.load`. The old
-one is taken off, the new one is put on: Phi' = Phi - L b + L b'. Of the old tool b the first moments and the inertia
-stand in Phi itself; its mass follows from them and from its data sheet."""
+A tool b = (m, m x, m z, J about the last pin) adds L b to the parameters, with L of `Model.load`. The old tool b is
+taken off, the new one b' put on: Phi' = Phi - L b + L b'. The old tool's first moments and inertia are part of Phi. Its
+mass follows from them and from its data sheet."""
 
 from typing import NamedTuple
 
@@ -18,14 +18,18 @@ TURNED = 0.2  # relative standard error of a data sheet's parameters of slewing,
 
 
 class Tool(NamedTuple):
-    """A tool's (m, m x, m z, J about the last pin) with its `covariance` (4, 4): kg, kg m, kg m^2."""
+    """Inertia of a tool, with its pin as origin.
+
+    values:     (4,) m, m x, m z, J about the last pin [kg, kg m, kg m, kg m^2]
+    covariance: (4, 4) of the values
+    """
 
     values: Array
     covariance: Array
 
 
 def tool_of(link: Link) -> Tool:
-    """The data sheet of a link as a tool, errors propagated to first order."""
+    """Return the data sheet of a link as a tool, with errors propagated to first order."""
     m, x, z = link.mass, link.cx, link.cz
     values = np.array([m, m * x, m * z, link.inertia + m * (x**2 + z**2)])
     gradient = np.array([[1.0, 0, 0, 0], [x, m, 0, 0], [z, 0, m, 0], [x**2 + z**2, 2 * m * x, 2 * m * z, 1.0]])
@@ -34,15 +38,16 @@ def tool_of(link: Link) -> Tool:
 
 
 def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
-    """Tares of `other`, the machine of `standard` with another last link, whose data sheet is trusted within its
-    tolerances."""
+    """Return the tares of `other`, the machine of `standard` with another last link.
+
+    The data sheet of that link is trusted within its tolerances."""
     old, new, put = tool_of(standard.machine.links[-1]), tool_of(other.machine.links[-1]), other.load
-    # (3, P): m x, m z, J of the tool, with what a data sheet's link contains of linkages' bars
+    # (3, P): from Phi to the tool's m x, m z, J, with the linkages' bars that a data sheet's link contains
     own = put[:, 1:].T @ represented(standard.machine, tares.names)
-    heavier = np.linalg.solve(old.covariance[1:, 1:], old.covariance[1:, 0])
-    unknown = old.covariance[0, 0] - heavier @ old.covariance[1:, 0]  # of the mass, when the moments are known
+    heavier = np.linalg.solve(old.covariance[1:, 1:], old.covariance[1:, 0])  # C_bb^-1 C_bm
+    unknown = old.covariance[0, 0] - heavier @ old.covariance[1:, 0]  # variance of the mass, given the moments
     mass = old.values[0] + heavier @ (own @ tares.values - old.values[1:])
-    values = tares.values + put @ (new.values - np.append(mass, own @ tares.values))
+    values = tares.values + put @ (new.values - np.append(mass, own @ tares.values))  # Phi + L (b' - b)
     common = np.eye(len(values)) - put @ np.vstack([heavier @ own, own])
     turned, changed = _turned(standard, other)
     values[turned] += changed
@@ -53,7 +58,7 @@ def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
 
 
 def _turned(standard: Model, other: Model) -> tuple[NDArray[np.intp], Array]:
-    """Numbers of the parameters of slewing, and how the data sheets say that they differ."""
+    """Return the numbers of the parameters of slewing, and their differences between the two data sheets."""
     names = enumerate(p.name for p in other.parameters)
     turned = np.array([k for k, name in names if name.endswith((".D_excess", ".E"))], dtype=np.intp)
     return turned, (other.prior.mean - standard.prior.mean)[turned]

@@ -1,6 +1,7 @@
-"""Batch least squares on the factors of a recording: weighted, with a prior, without the bias that noisy columns cause,
-robust against disturbed blocks, with standard errors that are valid for correlated residuals, and with the directions
-that the recording does not determine.
+"""Batch least squares on the factors of a recording.
+
+The fit is weighted, may have a prior, and is robust against disturbed blocks. Noisy columns do not bias it. Its
+standard errors are valid for correlated residuals, and it lists the directions that the recording does not determine.
 
 The columns contain measured angles, so that least squares alone would give parameters that are too small (errors in
 variables). Therefore the Gram matrix of the sensors' noise is subtracted from that of the rows, in the information and
@@ -18,15 +19,20 @@ from cylforce.signals.estimate import Array
 RANK = 1e-6  # times the largest singular value: directions of the scaled parameters below it are not determined; chosen
 OUTLIER = 16.0  # times the median mean square of a row's residuals: blocks beyond it get a smaller weight; chosen
 ROUNDS = 4  # of reweighting after the first fit; chosen
-MOST_REMOVED = 0.9  # of the information in a direction: no more is subtracted for noise or a left-out block; chosen
+MOST_REMOVED = 0.9  # of the information in a direction: no more is subtracted for noise or an omitted block; chosen
 
 
 class Fit(NamedTuple):
-    """Result of a fit of K parameters: `values` (K,), `covariance` (K, K); `row_error` (R,) [N m]: rms residual per
-    measured torque, rows set aside included; `excited` (K,): whether the data determine the parameter without the
-    prior; `weakest` (K, D): directions of the scaled parameters that the data do not determine; `trust` (B, R): weight
-    of each block, 1 in full; `memory`: number of consecutive samples whose residuals count as one independent
-    residual."""
+    """Result of a fit of K parameters.
+
+    values:     (K,) parameters
+    covariance: (K, K) of the values
+    row_error:  (R,) rms residual per measured torque, rows set aside included [N m]
+    excited:    (K,) whether the data determine the parameter without the prior
+    weakest:    (K, D) directions of the scaled parameters that the data do not determine
+    trust:      (B, R) weight of each block; 1: in full
+    memory:     number of consecutive samples whose residuals count as one independent residual
+    """
 
     values: Array
     covariance: Array
@@ -38,10 +44,10 @@ class Fit(NamedTuple):
 
 
 def least_squares(data: Factors, row_error: Array, prior: Prior | None) -> Fit:
-    """Fit of observed = columns @ values. Rows are weighted by 1/row_error (R,); a block that fits much worse than the
-    others gets a smaller weight.
+    """Return the fit of observed = columns @ values.
 
-    Raises ValueError when there are no usable rows."""
+    Rows are weighted by 1/row_error (R,). A block that fits much worse than the others has a smaller weight. Raises
+    ValueError when there are no usable rows."""
     if not np.any(data.samples):
         raise ValueError("no usable rows: nothing to fit")
     root = _prior_rows(prior, data.triangle.shape[-1] - 1)
@@ -55,16 +61,24 @@ def least_squares(data: Factors, row_error: Array, prior: Prior | None) -> Fit:
 
 
 def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, float]:
-    """(values (K,), smallest sum of squares) of `data`, whose blocks and rows are multiplied by `weight` (B, R), and of
-    the prior. With equal weights, models of the same data can be compared by this sum."""
+    """Return (values (K,), smallest sum of squares) of weighted data and the prior.
+
+    With equal weights, models of the same data can be compared by this sum.
+
+    weight: (B, R) factor on the rows of each block
+    """
     triangle, root = stacked_triangle(data, weight), _prior_rows(prior, data.triangle.shape[-1] - 1)
     values = _solved(triangle, np.zeros_like(triangle), root).values
     return values, float(np.sum((np.concatenate([triangle, root]) @ np.append(values, -1.0)) ** 2))
 
 
 def predicted(data: Factors, row_error: Array, prior: Prior | None, memory: float, out: Array) -> Array:
-    """Mean squared prediction error per sample (B_out,), in units of row_error (R,) squared, of each block marked in
-    `out` (B,) by a fit of the other blocks; `memory`: see `Fit`."""
+    """Return the mean squared prediction error per sample (B_out,), in units of row_error (R,) squared.
+
+    Each block marked in `out` (B,) is predicted by a fit of the other blocks.
+
+    memory: see `Fit`
+    """
     weight = np.where(out[:, None], 0.0, 1.0 / row_error) / np.sqrt(memory) * np.ones_like(data.samples)
     root = _prior_rows(prior, data.triangle.shape[-1] - 1)
     solution = _solved(stacked_triangle(data, weight), stacked_triangle(of_noise(data), weight), root)
@@ -73,15 +87,26 @@ def predicted(data: Factors, row_error: Array, prior: Prior | None, memory: floa
 
 
 class _Solution(NamedTuple):
-    """`values` (K,) and `white` (K, D), a root of (A'A - N'N + L'L)^-1 = white white'."""
+    """Solution of weighted least squares.
+
+    values: (K,) parameters
+    white:  (K, D) root of (A'A - N'N + L'L)^-1 = white white'
+    """
 
     values: Array
     white: Array
 
 
 class _Round(NamedTuple):
-    """One pass of reweighting: the solution, the `weight` (B, R), the triangle and the `memory` that it is based on;
-    `next_memory` and `trust` (B, R) for the next pass."""
+    """One pass of reweighting.
+
+    solution:    of this pass
+    weight:      (B, R) factor on the rows of each block
+    triangle:    (K+1, K+1) of the weighted rows
+    memory:      on which this pass is based, see `Fit`
+    next_memory: for the next pass
+    trust:       (B, R) for the next pass
+    """
 
     solution: _Solution
     weight: Array
@@ -101,7 +126,7 @@ def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: f
 
 
 def _prior_rows(prior: Prior | None, size: int) -> Array:
-    """The prior as rows [columns | observed] (K, K+1) with errors of one; no rows without a prior."""
+    """Return the prior as rows [columns | observed] (K, K+1) with errors of one; no rows without a prior."""
     if prior is None:
         return np.zeros((0, size + 1))
     spread = np.sqrt(np.diag(prior.covariance))
@@ -111,8 +136,9 @@ def _prior_rows(prior: Prior | None, size: int) -> Array:
 
 
 def _solved(triangle: Array, noise: Array, root: Array) -> _Solution:
-    """Least squares of the rows of `triangle` and `root` less the contribution of `noise`; the columns are scaled so
-    that no digits are lost."""
+    """Return the least-squares solution of the rows of `triangle` and `root`, less the contribution of `noise`.
+
+    The columns are scaled, so that no digits are lost."""
     rows = np.concatenate([triangle, root])
     scale = linalg.norm(rows[:, :-1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -127,24 +153,29 @@ def _solved(triangle: Array, noise: Array, root: Array) -> _Solution:
 
 
 def _enlarged(share: Array) -> tuple[Array, Array]:
-    """Eigenvalues (..., K) and eigenvectors (..., K, K) of (I - share)^-1; the eigenvalues of `share` (..., K, K), the
-    share of the information that is subtracted, are limited to MOST_REMOVED."""
+    """Return eigenvalues (..., K) and eigenvectors (..., K, K) of (I - share)^-1.
+
+    The eigenvalues of `share` are limited to MOST_REMOVED.
+
+    share: (..., K, K) share of the information that is subtracted
+    """
     values, axes = np.linalg.eigh(share)
     return 1.0 / (1.0 - np.minimum(values, MOST_REMOVED)), axes
 
 
 def _pull(data: Factors, values: Array, weight: Array) -> Array:
-    """Score of every block (B, K), summed over the rows, without the part of the noise: how it would change the
-    parameters `values` (K,)."""
+    """Return the score of every block (B, K), summed over the rows, without the part of the noise.
+
+    It is the direction in which the block would change the parameters `values` (K,)."""
     each = scores(data, values) - scores(of_noise(data), values)
     return np.asarray(np.sum(each * weight[..., None] ** 2, axis=1))
 
 
 def _covariance(data: Factors, found: _Round, root: Array) -> Array:
-    """Sandwich covariance (K, K): (A'A - N'N + L'L)^-1 on both sides of the sum of the squared scores of the blocks and
-    the prior's information L'L. Residuals may be correlated within a block.
+    """Return the sandwich covariance (K, K), which allows for residuals that are correlated within a block.
 
-    A block attracts the estimate, so that its own residual is too small: its score is enlarged to the value that it has
+    It is (A'A - N'N + L'L)^-1 on both sides of the sum of the blocks' squared scores and the prior's information L'L. A
+    block attracts the estimate, so that its own residual is too small. Its score is enlarged to the value that it has
     for an estimate from the other blocks alone (jackknife, CR3: Bell and McCaffrey 2002)."""
     white = found.solution.white
     pull = _pull(data, found.solution.values, found.weight) @ white
@@ -153,12 +184,16 @@ def _covariance(data: Factors, found: _Round, root: Array) -> Array:
     gain, axes = _enlarged(np.swapaxes(across, 1, 2) @ across)
     pull = np.sum(axes * (gain * np.sum(axes * pull[:, :, None], axis=1))[:, None], axis=2)
     known = root[:, :-1] @ white
-    return np.asarray(white @ (pull.T @ pull + known.T @ known) @ white.T)
+    return np.asarray(white @ (pull.T @ pull + known.T @ known) @ white.T)  # B (sum s s' + L'L) B, B = white white'
 
 
 def _inflation(triangle: Array, meat: Array) -> float:
-    """Factor by which the variance of the scores, `meat` (K, K), exceeds that of independent residuals of unit
-    variance; mean over the directions that the data determine."""
+    """Return the factor by which the variance of the scores exceeds that of independent residuals of unit variance.
+
+    It is the mean over the directions that the data determine.
+
+    meat: (K, K) variance of the scores
+    """
     scale = linalg.norm(triangle[:, :-1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     _, singular, vectors = linalg.svd(triangle[:-1, :-1] / scale)
@@ -168,8 +203,10 @@ def _inflation(triangle: Array, meat: Array) -> float:
 
 
 def _trust(data: Factors, values: Array) -> Array:
-    """Weight (B, R) of every block: 1, and less when its mean squared residual exceeds OUTLIER times the row's median,
-    so that weight^2 * square stays at that bound."""
+    """Return the weight (B, R) of every block.
+
+    It is 1, and less for a mean squared residual above OUTLIER times the row's median, so that weight^2 * square stays
+    at that bound."""
     mean = residual_squares(data, values) / np.maximum(data.samples, 1.0)
     typical = np.array(
         [np.median(m[n > 0]) if np.any(n > 0) else 1.0 for m, n in zip(mean.T, data.samples.T, strict=True)]
@@ -179,7 +216,8 @@ def _trust(data: Factors, values: Array) -> Array:
 
 
 def _scale(triangle: Array, prior: Prior | None) -> Array:
-    """Scale of every parameter (K,): the prior's standard error, without a prior the inverse norm of its column."""
+    """Return the scale of every parameter (K,): the prior's standard error, without a prior the inverse norm of its
+    column."""
     if prior is not None:
         return np.sqrt(np.diag(prior.covariance))
     norm = linalg.norm(triangle[:, :-1], axis=0)

@@ -1,9 +1,9 @@
 """Least squares of any length in constant memory: a recording as triangular factors of its blocks.
 
 A block is a few seconds of a recording. Its rows [columns | observed] are stored as the triangle R of their QR
-decomposition, which is sufficient for least squares: parameters, sums of squared residuals, scores. Each block has its
-own weight: it can be left out (prediction of data not used in the fit), given a small weight (outliers), and its
-residuals can be summed up (standard errors with correlation). When there are too many blocks, neighbours are merged."""
+decomposition. R is sufficient for least squares: parameters, sums of squared residuals, scores. Each block has its own
+weight: zero to predict it from the other blocks, a small one for an outlier. Its residuals can be summed up (standard
+errors with correlation). When there are too many blocks, neighbours are merged."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
@@ -18,11 +18,15 @@ CHUNK = 4096  # rows decomposed at once; chosen: small enough for the processor'
 
 
 class Factors(NamedTuple):
-    """B blocks of R measured torques each: `triangle` (B, R, K+1, K+1), the upper triangular factor of rows with K
-    columns and the observed value; `noise`, the same for the noise that the sensors add to these rows; `aside`, the
-    same for rows that are not fitted, but whose residuals count in the row errors; `samples` (B, R): number of fitted
-    rows, `others` (B, R): number of rows set aside; `mark` (B, M): means over the block of further quantities, such as
-    posture and speed."""
+    """Triangular factors of B blocks of R measured torques each.
+
+    triangle: (B, R, K+1, K+1) upper triangular factor of the fitted rows [columns | observed], with K columns
+    noise:    (B, R, K+1, K+1) factor of the noise that the sensors add to these rows
+    aside:    (B, R, K+1, K+1) factor of rows that are not fitted, but whose residuals count in the row errors
+    samples:  (B, R) number of fitted rows
+    others:   (B, R) number of rows set aside
+    mark:     (B, M) means over the block of further quantities, such as posture and speed
+    """
 
     triangle: Array
     noise: Array
@@ -33,9 +37,14 @@ class Factors(NamedTuple):
 
 
 class BlockRows(NamedTuple):
-    """The rows of a stretch of a recording: `columns` (T, R, K) and `observed` (T, R), NaN where not usable; `noise`
-    (T, R, K+1): the noise that the sensors add to both, None: none; `fitted` (T, R): whether a row is fitted,
-    or set aside so that only its residual counts; `mark` (T, M): further quantities, such as posture and speed."""
+    """Rows of a stretch of a recording.
+
+    columns:  (T, R, K)
+    observed: (T, R); NaN where not usable
+    noise:    (T, R, K+1) noise that the sensors add to both; None: none
+    fitted:   (T, R) whether a row is fitted, or set aside so that only its residual counts
+    mark:     (T, M) further quantities, such as posture and speed
+    """
 
     columns: Array
     observed: Array
@@ -45,7 +54,7 @@ class BlockRows(NamedTuple):
 
 
 def triangle_of(rows: Array) -> Array:
-    """Upper triangular R (K, K) with R'R = rows' rows, of rows (T, K); T may have any length, also less than K."""
+    """Return upper triangular R (K, K) with R'R = rows' rows, of rows (T, K); T may also be less than K."""
     size = rows.shape[1]
     triangle = np.zeros((size, size))
     for first in range(0, len(rows), CHUNK):
@@ -54,18 +63,27 @@ def triangle_of(rows: Array) -> Array:
 
 
 def upper(rows: Array) -> Array:
-    """Upper triangular R (..., K, K) of the QR decomposition of rows (..., T >= K, K)."""
+    """Return upper triangular R (..., K, K) of the QR decomposition of rows (..., T >= K, K)."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
 def factors(columns: Array, observed: Array, mark: Array, block: int) -> Factors:
-    """Factors of a stretch whose columns have no noise: columns (T, R, K), observed (T, R) with NaN where not usable,
-    mark (T, M); `block`: samples per block."""
+    """Return the factors of a stretch whose columns have no noise.
+
+    columns:  (T, R, K)
+    observed: (T, R); NaN where not usable
+    mark:     (T, M) further quantities
+    block:    samples per block
+    """
     return row_factors(BlockRows(columns, observed, None, np.ones(observed.shape, dtype=bool), mark), block)
 
 
 def row_factors(rows: BlockRows, block: int) -> Factors:
-    """Factors of a stretch of a recording; `block`: samples per block."""
+    """Return the factors of a stretch of a recording.
+
+    rows:  of the stretch
+    block: samples per block
+    """
     size = rows.columns.shape[-1] + 1
     sums = rows.columns.reshape(-1, size - 1) @ np.ones(size - 1)  # of finite numbers of any size that occurs
     good = np.isfinite(sums.reshape(rows.observed.shape) + rows.observed)
@@ -84,9 +102,15 @@ def row_factors(rows: BlockRows, block: int) -> Factors:
 
 
 def _triangles(rows: tuple[Array, ...], good: NDArray[np.bool_], block: int, size: int) -> Array:
-    """Triangles (B, R, K, K) of those rows that are `good` (T, R), of their parts side by side, (T, R, ...), K = `size`
-    numbers together; the others are replaced by zeros, which do not change a triangle. No part: zeros. One block after
-    the other, in the same place, which stays in the processor's cache."""
+    """Return the triangles (B, R, K, K) of the rows that are `good` (T, R).
+
+    The other rows are replaced by zeros, which do not change a triangle. One block after the other is decomposed in the
+    same array, which stays in the processor's cache.
+
+    rows:  parts (T, R, ...) side by side, together K numbers; no part: the triangles are zero
+    block: samples per block
+    size:  K
+    """
     steps, measured = good.shape
     shape = (-(-steps // block), measured, size, size)
     if not rows or not good.any():
@@ -100,9 +124,10 @@ def _triangles(rows: tuple[Array, ...], good: NDArray[np.bool_], block: int, siz
 
 
 def _decompose(columns: Array, into: Array) -> None:
-    """The triangle (K, K) of columns (K, T), which are overwritten, as LAPACK wants it: NumPy's `qr` copies them twice
-    more."""
-    from scipy.linalg.lapack import dgeqrf  # not needed by who reads results of recordings
+    """Write the triangle (K, K) of columns (K, T) to `into`.
+
+    The columns are overwritten: LAPACK needs this order, and NumPy's `qr` would copy them twice more."""
+    from scipy.linalg.lapack import dgeqrf  # here, because programs that only read results do without scipy
 
     size = len(columns)
     np.multiply(dgeqrf(columns.T, overwrite_a=True)[0][:size], _above(size), out=into)
@@ -110,12 +135,12 @@ def _decompose(columns: Array, into: Array) -> None:
 
 @cache
 def _above(size: int) -> Array:
-    """1 where a triangle is not zero."""
+    """Return (K, K), 1 on and above the diagonal, else 0."""
     return np.triu(np.ones((size, size)))
 
 
 def _fill(place: Array, parts: list[Array], good: NDArray[np.bool_]) -> None:
-    """Columns of a block into their place (R, K, T), zeros where a row is not `good` and behind them."""
+    """Write the columns of a block to `place` (R, K, T): zeros where a row is not `good`, and after the last row."""
     steps, at = len(good), 0
     place[..., steps:] = 0.0
     for part in parts:
@@ -126,7 +151,7 @@ def _fill(place: Array, parts: list[Array], good: NDArray[np.bool_]) -> None:
 
 
 def _zeros(shape: tuple[int, ...]) -> Array:
-    """Zeros that take no memory: noise and rows set aside, where there are none."""
+    """Return zeros that take no memory, for noise and rows set aside where there are none."""
     return np.broadcast_to(np.zeros(()), shape)
 
 
@@ -135,14 +160,15 @@ def _is_nothing(part: Array) -> bool:
 
 
 def _one_after_another(parts: Sequence[Array]) -> Array:
-    """Arrays (B, ...) as one; those that are `_zeros` remain so."""
+    """Return arrays (B, ...) as one; arrays of `_zeros` remain so."""
     if all(map(_is_nothing, parts)):
         return _zeros((sum(map(len, parts)), *parts[0].shape[1:]))
     return np.concatenate(parts)
 
 
 def joined(parts: Iterable[Factors], most: int) -> Factors:
-    """All blocks of the parts in order; while there are more than `most`, neighbouring blocks are merged in pairs.
+    """Return all blocks of the parts in order. While there are more than `most`, neighbouring blocks are merged in
+    pairs.
 
     Raises ValueError when there are no parts."""
     data: list[Factors] = []
@@ -160,7 +186,7 @@ def _together(parts: list[Factors]) -> Factors:
 
 
 def _each(data: Factors, change: Callable[[Array], Array]) -> Factors:
-    """The factors with the same function applied to all three kinds of triangles."""
+    """Return the factors with a function applied to all three kinds of triangles."""
     return data._replace(triangle=change(data.triangle), noise=change(data.noise), aside=change(data.aside))
 
 
@@ -187,14 +213,16 @@ def _paired(triangle: Array) -> Array:
 
 
 def chosen(data: Factors, columns: list[int]) -> Factors:
-    """The factors of a selection of the columns, in the order given."""
+    """Return the factors of a selection of the columns, in the order given."""
     keep = [*columns, data.triangle.shape[-1] - 1]
     return _each(data, lambda triangle: upper(triangle[..., keep]))
 
 
 def beside(data: Factors, combinations: Array) -> Factors:
-    """The factors with M more columns, which are linear combinations of the existing ones: `combinations` (R, K, M)
-    for each measured torque."""
+    """Return the factors with M more columns, which are linear combinations of the existing ones.
+
+    combinations: (R, K, M) for each measured torque
+    """
 
     def wider(triangle: Array) -> Array:
         return np.concatenate([triangle[..., :-1], triangle[..., :-1] @ combinations, triangle[..., -1:]], axis=-1)
@@ -203,8 +231,9 @@ def beside(data: Factors, combinations: Array) -> Factors:
 
 
 def settled(data: Factors, columns: list[int], values: Array) -> Factors:
-    """The factors without `columns`, whose parameters are fixed at `values`: their contribution is subtracted from the
-    observed value."""
+    """Return the factors without `columns`, whose parameters are fixed at `values`.
+
+    The contribution of these columns is subtracted from the observed value."""
     rest = [k for k in range(data.triangle.shape[-1] - 1) if k not in set(columns)]
 
     def without(triangle: Array) -> Array:
@@ -215,40 +244,42 @@ def settled(data: Factors, columns: list[int], values: Array) -> Factors:
 
 
 def of_row(data: Factors, row: int) -> Factors:
-    """The factors of one measured torque alone."""
+    """Return the factors of one measured torque alone."""
     return Factors(*(part[:, [row]] for part in data))._replace(mark=data.mark)
 
 
 def of_noise(data: Factors) -> Factors:
-    """The factors of the sensors' noise in place of those of the data."""
+    """Return the factors of the sensors' noise in place of those of the data."""
     return data._replace(triangle=data.noise)
 
 
 def of_others(data: Factors) -> Factors:
-    """The factors of the rows set aside in place of those of the fitted rows."""
+    """Return the factors of the rows set aside in place of those of the fitted rows."""
     return data._replace(triangle=data.aside, samples=data.others)
 
 
 def of_all(data: Factors) -> Factors:
-    """The factors with fitted rows and rows set aside together; the noise remains that of the fitted rows."""
+    """Return the factors of fitted rows and rows set aside together; the noise remains that of the fitted rows."""
     triangle = upper(np.concatenate([data.triangle, data.aside], axis=-2))
     return data._replace(triangle=triangle, samples=data.samples + data.others)
 
 
 def stacked_triangle(data: Factors, weight: Array) -> Array:
-    """The triangle (K+1, K+1) of all blocks and measured torques together, each multiplied by its `weight` (B, R)."""
+    """Return the triangle (K+1, K+1) of all blocks and measured torques together, each multiplied by its `weight` (B,
+    R)."""
     rows = data.triangle * weight[..., None, None]
     return triangle_of(rows.reshape(-1, rows.shape[-1]))
 
 
 def residual_squares(data: Factors, values: Array) -> Array:
-    """Sum of squared residuals (B, R) of every block at parameters `values` (K,)."""
+    """Return the sum of squared residuals (B, R) of every block at parameters `values` (K,)."""
     left = data.triangle @ np.append(values, -1.0)
     return np.asarray(np.sum(left**2, axis=-1))
 
 
 def scores(data: Factors, values: Array) -> Array:
-    """Scores A' e (B, R, K) of every block, with residuals e = observed - A values: the direction in which the block
-    would change the parameters `values` (K,)."""
+    """Return the scores A' e (B, R, K) of every block, with residuals e = observed - A values.
+
+    A score is the direction in which the block would change the parameters `values` (K,)."""
     left = -data.triangle @ np.append(values, -1.0)
     return np.asarray((np.swapaxes(data.triangle, -1, -2) @ left[..., None])[..., :-1, 0])

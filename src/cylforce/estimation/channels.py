@@ -1,5 +1,7 @@
-"""Samples to motion: signals become channels (angles, forces, attitude), which are smoothed; means and slopes of four
-samples give the motion."""
+"""Conversion of samples to motion.
+
+Signals become channels (angles, forces, attitude), which are smoothed. Means and slopes of four samples give the
+motion."""
 
 from array import array
 from collections.abc import Sequence
@@ -24,8 +26,11 @@ Signals = Array | Sequence[float]  # values of all signals: (S, ...), or numbers
 
 
 class Moved(NamedTuple):
-    """A motion, and per cylinder `usable` (..., C): whether its force shows the load, because the linkage is clear of
-    its dead points and the piston of its end stops."""
+    """Motion of the machine, and where its forces can be used.
+
+    motion: the motion
+    usable: (..., C) whether a cylinder's force shows the load: no dead point of the linkage, no end stop of the piston
+    """
 
     motion: Motion
     usable: Array
@@ -33,9 +38,11 @@ class Moved(NamedTuple):
 
 @dataclass(frozen=True)
 class Channels:
-    """Signals (..., S) to channels (..., D), D = N + C + 3: joint angles (N) [rad], cylinder forces (C) [N], pitch and
-    roll [rad], slew rate [rad/s] or, where no sensor measures it, slew angle [rad]. Where an inertial sensor is on the
-    base, its rate [rad/s] and specific forces forwards and upwards [m/s^2] stand before pitch: D = N + C + 6."""
+    """Conversion of signals (..., S) to channels (..., D), D = N + C + 3.
+
+    The channels are joint angles (N) [rad], cylinder forces (C) [N], pitch and roll [rad], slew rate [rad/s] or, where
+    no sensor measures it, slew angle [rad]. With an inertial sensor on the base, its rate [rad/s] and its specific
+    forces forwards and upwards [m/s^2] precede pitch: D = N + C + 6."""
 
     machine: Machine
     filters: Filters
@@ -47,12 +54,12 @@ class Channels:
 
     @property
     def dt(self) -> float:
-        """The fixed step [s]."""
+        """Fixed step [s]."""
         return 1.0 / self.filters.rate_hz
 
     @cached_property
     def forces(self) -> slice:
-        """The slice of the cylinder forces among the channels."""
+        """Slice of the cylinder forces among the channels."""
         return slice(self.machine.size, self.machine.size + len(self.machine.cylinders))
 
     @cached_property
@@ -61,14 +68,13 @@ class Channels:
 
     @cached_property
     def _by_length(self) -> dict[int, int]:
-        """By joint: the cylinder whose measured length gives the joint's angle."""
+        """Cylinder whose measured length gives the joint's angle, by joint."""
         seen = [c for c in range(len(self.machine.cylinders)) if (Kind.CYLINDER_LENGTH, c) in self._where]
         return {self.machine.spans[c][0]: c for c in seen}
 
     @cached_property
     def by_length(self) -> tuple[tuple[int, int, int], ...]:
-        """Each joint whose angle is read from the length of a cylinder, with that cylinder and the number of its
-        signal."""
+        """(Joint, cylinder, signal) of each joint whose angle is computed from the length of a cylinder."""
         read = [j for j, (encoder, inclined) in enumerate(self.turned) if encoder is None and inclined is None]
         return tuple((j, c := self._by_length[j], self._where[Kind.CYLINDER_LENGTH, c]) for j in read)
 
@@ -78,7 +84,7 @@ class Channels:
         return all((kind, 0) in self._where for kind in INERTIAL)
 
     def read(self, values: Array) -> Array:
-        """Channels (..., D) from SI values of all signals (..., S); 0 for what is not measured."""
+        """Return channels (..., D) from SI values of all signals (..., S); 0 where a channel is not measured."""
         # one sample as numbers: arithmetic with arrays of one element takes many times as long
         each: Signals = values.tolist() if values.ndim == 1 else np.moveaxis(values, -1, 0)
         pitch, roll, slew = (self._value(each, k, 0.0) for k in self.house)
@@ -106,13 +112,13 @@ class Channels:
 
     @cached_property
     def turned(self) -> tuple[tuple[int | None, int | None], ...]:
-        """For each joint the numbers of the signals of its encoder and of its link's inclinometer."""
+        """Numbers of the signals of each joint's encoder and of its link's inclinometer."""
         at, joints = self._where.get, range(self.machine.size)
         return tuple((at((Kind.JOINT_ANGLE, j)), at((Kind.LINK_INCLINATION, j))) for j in joints)
 
     @cached_property
     def pushed(self) -> tuple[tuple[int | None, int | None, int | None], ...]:
-        """For each cylinder the numbers of the signals of its force pin, head and rod side."""
+        """Numbers of the signals of each cylinder's force pin, head and rod side."""
         kinds, cylinders = (Kind.FORCE_PIN, Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE), range(len(self.machine.cylinders))
         pin, head, rod = ([self._where.get((kind, c)) for c in cylinders] for kind in kinds)
         return tuple(zip(pin, head, rod, strict=True))
@@ -121,7 +127,7 @@ class Channels:
         return default if k is None else values[k]
 
     def _angles(self, values: Signals, pitch: Array | float) -> list[Array | float]:
-        """Joint angles [rad] from encoders, from inclinometers on the links, or from cylinder lengths."""
+        """Return joint angles [rad] from encoders, from inclinometers on the links, or from cylinder lengths."""
         theta: list[Array | float] = []
         inner = pitch  # inclination of the next link inwards
         for j, (encoder, inclined) in enumerate(self.turned):
@@ -142,8 +148,9 @@ class Channels:
         return (Kind.SLEW_ANGLE, 0) in self._where
 
     def follow(self, before: Array, channels: "array[float]") -> "array[float]":
-        """The channels (D,) with the slew angle unwrapped to lie within half a turn of the one in `before` (D,): an
-        encoder that passes the end of its range has not turned back."""
+        """Return the channels (D,) with the slew angle unwrapped to within half a turn of that in `before` (D,).
+
+        An encoder that passes the end of its range has not turned back."""
         if not self.unwraps:
             return channels
         return channels[:-1] + array("d", [np.unwrap([before[-1], channels[-1]])[1]])
@@ -159,13 +166,17 @@ class Channels:
         )
 
     def between(self, four: Array) -> Moved:
-        """Motion in the middle of four samples of smoothed channels (4, ..., D): values from their mean, rates from
-        their slope."""
+        """Return the motion in the middle of four samples of smoothed channels (4, ..., D): values from their mean,
+        rates from their slope."""
         return self.moved(mean(four), slope(four, self.dt))
 
     def moved(self, middle: Array, rate: Array, geometry: Geometry | None = None) -> Moved:
-        """Motion from channels `middle` (..., D) and their rates `rate` (..., D) [1/s]; `geometry`: that of these
-        angles, where the caller has it already. Lever and speed of an unusable cylinder are set to zero."""
+        """Return the motion of channels. Lever and speed of an unusable cylinder are set to zero.
+
+        middle:   (..., D) channels
+        rate:     (..., D) their rates [1/s]
+        geometry: of these angles, where the caller has computed it
+        """
         n = self.machine.size
         slew = middle[..., -1] if (Kind.SLEW_RATE, 0) in self._where else rate[..., -1]
         attitude = self._attitude(middle, rate, slew)
@@ -177,8 +188,10 @@ class Channels:
         return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., self.forces]), good)
 
     def _attitude(self, middle: Array, rate: Array, slew: Array) -> Attitude:
-        """The base's attitude and, where it is measured, its motion: the specific force of the first pin is that of the
-        sensor at r less (i alpha - omega^2) r, and without what slewing adds, which `Slew` accounts for."""
+        """Return the base's attitude and, where it is measured, its motion.
+
+        The specific force of the first pin is that of the sensor at r less (i alpha - omega^2) r. It excludes the part
+        of slewing, for which `Slew` accounts."""
         pitch, roll = middle[..., -3], middle[..., -2]
         if not self.inertial:
             return Attitude(pitch, roll, 0.0, slew)
@@ -189,32 +202,34 @@ class Channels:
 
     @cached_property
     def stops(self) -> tuple[Array, Array]:
-        """Shortest and longest length (C,) [m] at which a cylinder's force is believed."""
+        """Shortest and longest length (C,) [m] at which a cylinder's force is used."""
         margin = 0.005  # m from an end stop, which carries force that the pressures do not show; chosen
         low = np.array([c.length_low + margin for c in self.machine.cylinders])
         return low, np.array([c.length_high - margin for c in self.machine.cylinders])
 
     def usable(self, moving: Motion | Geometry) -> Array:
-        """Per cylinder (..., C) whether its force can be believed there: no dead point, no end stop."""
+        """Return whether each cylinder's force (..., C) can be used: at no dead point and at no end stop."""
         low, high = self.stops
         lever = np.abs(moving.lever).max(axis=-1)
         clear = (moving.transmission > MIN_TRANSMISSION) & (lever > MIN_LEVER)
         return np.asarray(clear & (moving.length > low) & (moving.length < high))
 
     def run(self, values: Array) -> Moved:
-        """Motion in the T-1 intervals of a recording (T, S) without gaps."""
+        """Return the motion in the T-1 intervals of a recording (T, S) without gaps."""
         return self.between(fours(self.smoothed(self.course(values))))
 
     def course(self, values: Array) -> Array:
-        """Channels (T, D) of a recording (T, S) without gaps, the slew angle unwrapped."""
+        """Return the channels (T, D) of a recording (T, S) without gaps, the slew angle unwrapped."""
         channels = self.read(values)
         if (Kind.SLEW_ANGLE, 0) in self._where:
             channels[:, -1] = np.unwrap(channels[:, -1])
         return channels
 
     def turning(self, values: Array) -> Array:
-        """Rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a recording (T, S) without gaps: the
-        derivative of the pitch less the part that slewing on a slope causes; zero without a pitch sensor."""
+        """Return the rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a recording (T, S)
+        without gaps.
+
+        It is the derivative of the pitch less the part that slewing on a slope causes; zero without a pitch sensor."""
         if (Kind.PITCH, 0) not in self._where:
             return np.zeros(len(values) - 1)
         four = fours(self.smoothed(self.course(values)))
@@ -223,7 +238,8 @@ class Channels:
         return np.asarray(rate[:, -3] - slew * np.tan(middle[:, -2]) * np.cos(middle[:, -3]))
 
     def smoothed(self, channels: Array) -> Array:
-        """Channels (T, D) after the low-pass, settled at the first sample; that one is put twice before the others, so
-        that (T+2, D) samples give T-1 intervals."""
+        """Return channels (T, D) after the low-pass, settled at the first sample.
+
+        The first sample is put twice before the others, so that (T+2, D) samples give T-1 intervals."""
         _, smooth = self.smooth.run(self.smooth.steady(channels[0]), channels)
         return np.concatenate([smooth[:1], smooth[:1], smooth])

@@ -1,10 +1,10 @@
-"""Rows of this instant, for the force at the tool: torque = columns @ parameters as in `regressor`, but each part
-passes only the filter that its own noise needs.
+"""Rows of the instant, for the force at the tool: torque = columns @ parameters as in `regressor`. Each part passes
+only the filter that its own noise needs.
 
-The hydraulics hold the motion, so that a force of the soil shows in the pressures at once and in the acceleration
-hardly. Cylinder forces therefore pass quickly; only the inertia, whose noise grows with the square of its corner
-frequency, passes slowly. What that costs is known: where the torque of inertia changes, it is late. Ways that were
-compared: `tools/studies/force_ways.py`. The arithmetic of a step is the kernel's (`kernel/rows.py`)."""
+The hydraulics hold the motion, so that a force of the soil appears in the pressures at once, but hardly in the
+acceleration. Cylinder forces therefore pass a quick filter. Only the inertia, whose noise grows with the square of its
+corner frequency, passes a slow one. The cost is a lag of the torque of inertia where it changes. Alternatives are
+compared in `tools/studies/force_ways.py`. The arithmetic of a step is the kernel's (`kernel/rows.py`)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,13 +15,13 @@ from cylforce.mechanics.installation import Filters
 
 @dataclass(frozen=True)
 class FastFilters:
-    """The filters of the rows of this instant, whose momentum and static columns are those of the weighing."""
+    """Filters of the rows of the instant. Their momentum and static columns are those of the weighing."""
 
     filters: Filters
 
     @property
     def dt(self) -> float:
-        """The fixed step [s]."""
+        """Fixed step [s]."""
         return 1.0 / self.filters.rate_hz
 
     @cached_property

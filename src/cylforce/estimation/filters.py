@@ -16,8 +16,12 @@ NOISE_MARGIN = 1.0  # relative standard errors of the averaged spectrum by which
 
 @dataclass(frozen=True)
 class Filter:
-    """A linear filter b(z)/a(z) in transposed direct form II, a[0] = 1; its state has the shape (order, *shape of a
-    sample)."""
+    """Linear filter b(z)/a(z) in transposed direct form II, a[0] = 1. Its state has the shape (order, *shape of a
+    sample).
+
+    b: coefficients of the numerator
+    a: coefficients of the denominator
+    """
 
     b: tuple[float, ...]
     a: tuple[float, ...]
@@ -29,29 +33,30 @@ class Filter:
         return late[0] - late[1]
 
     def zero(self, shape: tuple[int, ...]) -> Array:
-        """The state after an input of zeros, for samples of this shape."""
+        """Return the state after an input of zeros, for samples of this shape."""
         return np.zeros((len(self.a) - 1, *shape))
 
     def steady(self, x: Array) -> Array:
-        """The state settled at the constant input x: with gain 1 the output is x from the first sample."""
+        """Return the state settled at the constant input x: with gain 1 the output is x from the first sample."""
         return np.asarray(self._settled.reshape(-1, *([1] * np.ndim(x))) * x)
 
     @cached_property
     def _settled(self) -> Array:
-        """State (order,) that a step with the input 1 leaves as it is: z = A z + B, with A the companion matrix of a,
-        transposed, and B = b - a b[0]."""
+        """State (order,) settled at the input 1: z = A z + B, with A the transposed companion matrix of a, and B = b -
+        a b[0]."""
         a, b = np.array(self.a), np.array(self.b)
         left = np.eye(len(a) - 1) - np.eye(len(a) - 1, k=1)
         left[:, 0] += a[1:]
         return np.linalg.solve(left, b[1:] - a[1:] * b[0])
 
     def rest(self, x: Array) -> Array:
-        """The state settled at the constant input x, for a filter with sum(b) = 0, whose output then is zero."""
+        """Return the state settled at the constant input x, for a filter with sum(b) = 0, whose output then is zero."""
         return np.stack([-np.sum(self.b[:k]) * x for k in range(1, len(self.b))])
 
     def step(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """(New state, output) after one sample x; the operations are in the order of `run`, so that both round
-        alike."""
+        """Return (new state, output) after one sample x.
+
+        The operations are in the order of `run`, so that both round alike."""
         y = state[0] + self.b[0] * x
         later, fed_back = self._later[np.ndim(x)]
         new = later * x
@@ -61,12 +66,12 @@ class Filter:
 
     @cached_property
     def _later(self) -> list[tuple[Array, Array]]:
-        """The coefficients b and a after the first ones, (order, 1, ...) by the number of axes of a sample."""
+        """Coefficients b and a after the first ones, (order, 1, ...), by the number of axes of a sample."""
         shapes = [(-1, *[1] * axes) for axes in range(4)]
         return [(np.reshape(self.b[1:], shape), np.reshape(self.a[1:], shape)) for shape in shapes]
 
     def run(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """(State after it, output (T, *shape)) for a recording x (T, *shape)."""
+        """Return (state after it, output (T, *shape)) for a recording x (T, *shape)."""
         from scipy.signal import lfilter
 
         y, end = lfilter(self.b, self.a, x, axis=0, zi=state)
@@ -74,15 +79,16 @@ class Filter:
 
 
 def first_order(cutoff_hz: float, dt: float) -> Filter:
-    """L = w/(s + w) by Tustin's rule: y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2
+    """Return L = w/(s + w) by Tustin's rule: y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2
     (mechanics/README.md, section 5)."""
     a = pi * cutoff_hz * dt
     return Filter((a / (1 + a), a / (1 + a)), (1.0, -(1 - a) / (1 + a)))
 
 
 def poles(*stages: Filter) -> Filter:
-    """The low-passes `stages` in series with their poles only and gain 1. `mean` adds the zeros; `slope` of the same
-    output gives the derivative, so that both need one filter only."""
+    """Return the low-passes `stages` in series, with their poles only and gain 1.
+
+    `mean` adds the zeros; `slope` of the same output gives the derivative. Both therefore need one filter only."""
     a = np.ones(1)
     for stage in stages:
         a = np.convolve(a, stage.a)
@@ -90,29 +96,34 @@ def poles(*stages: Filter) -> Filter:
 
 
 def mean(four: Array) -> Array:
-    """Mean over four consecutive samples (4, ...) by Simpson's 3/8 rule, weights (1, 3, 3, 1)/8. These are the
-    coefficients of (1 + z)^3/8: the zeros of a first- and a second-order low-pass by Tustin's rule, so that `poles`
-    followed by `mean` are those low-passes in series; or of one of second order and the mean of two samples."""
+    """Return the mean over four consecutive samples (4, ...) by Simpson's 3/8 rule, weights (1, 3, 3, 1)/8.
+
+    These are the coefficients of (1 + z)^3/8: the zeros of a first- and a second-order low-pass by Tustin's rule.
+    `poles` followed by `mean` are therefore those low-passes in series, or one of second order and the mean of two
+    samples."""
     return np.asarray((four[0] + four[3] + 3.0 * (four[1] + four[2])) / 8.0)
 
 
 def slope(four: Array, dt: float) -> Array:
-    """Mean rate over four consecutive samples (4, ...), `dt` [s] apart: the derivative of `mean` to a relative error of
-    (w dt)^4/80 at angular frequency w. The difference of two samples is larger than the derivative of their mean by
-    (w dt)^2/12, so that an estimated inertia would be too small, by 0.4 % at 2.5 Hz and 100 samples per second."""
+    """Return the mean rate over four consecutive samples (4, ...), `dt` [s] apart.
+
+    It is the derivative of `mean` to a relative error of (w dt)^4/80 at angular frequency w. The difference of two
+    samples exceeds the derivative of their mean by (w dt)^2/12, so that an estimated inertia would be too small: by 0.4
+    % at 2.5 Hz and 100 samples per second."""
     return np.asarray((four[3] - four[0]) / (3.0 * dt))
 
 
 def fours(x: Array) -> Array:
-    """All groups of four consecutive samples (4, T-3, ...) of x (T, ...)."""
+    """Return all groups of four consecutive samples (4, T-3, ...) of x (T, ...)."""
     return np.stack([x[k : len(x) - 3 + k] for k in range(4)])
 
 
 def denoised(x: Array, rate_hz: float) -> Array:
-    """A recording x (T,) without the white noise of its sensor and without delay (Wiener filter, 1949). The noise level
-    is the mean power in the upper half of the frequencies; each frequency is multiplied by the share of its power that
-    is not noise, and removed when its power does not exceed the noise clearly (NOISE_MARGIN). The mean is kept. A
-    regression on the result is not biased by the noise."""
+    """Return a recording x (T,) without the white noise of its sensor and without delay (Wiener filter, 1949).
+
+    The noise level is the mean power in the upper half of the frequencies. Each frequency is multiplied by the share of
+    its power that is not noise. It is removed when its power does not clearly exceed the noise (NOISE_MARGIN). The mean
+    is kept. A regression on the result is not biased by the noise."""
     from scipy.signal import welch
 
     length = min(len(x), round(STRETCH_S * rate_hz))
@@ -129,7 +140,9 @@ def denoised(x: Array, rate_hz: float) -> Array:
 
 @lru_cache
 def second_order(cutoff_hz: float, dt: float) -> Filter:
-    """Butterworth low-pass of second order, w^2/(s^2 + sqrt(2) w s + w^2) by Tustin's rule with the cut-off kept:
+    """Return the Butterworth low-pass of second order, w^2/(s^2 + sqrt(2) w s + w^2), by Tustin's rule with the cut-off
+    kept.
+
     w = k 2/dt, k = tan(pi cutoff_hz dt). Raises ValueError unless the cut-off lies below half the sampling rate."""
     if not 0.0 < cutoff_hz * dt < 0.5:
         raise ValueError(f"a cut-off of {cutoff_hz:g} Hz does not lie below half of {1.0 / dt:g} samples a second")

@@ -60,25 +60,37 @@ ABSOLUTE = ("load_dependent", "delay")  # laws whose prior does not scale with t
 
 
 class BetweenStrokes(NamedTuple):
-    """Standard errors of what differs between strokes: of `friction`, as a share of the identified one; of a pressure's
-    `zero` [Pa]."""
+    """Standard errors of the differences between strokes.
+
+    friction: of a friction, as a share of the identified one
+    zero:     of a pressure's zero [Pa]
+    """
 
     friction: float
     zero: float
 
 
-EXPECTED = BetweenStrokes(0.1, 1.5e4)  # before anything is known; chosen
+EXPECTED = BetweenStrokes(0.1, 1.5e4)  # before it is measured; chosen
 
 
 class Tares(NamedTuple):
-    """The dynamic tares: the parameters that describe the empty machine. `friction`: names of the model's friction
-    laws; `names` and `values` (P,) of the parameters with `covariance` (P, P); `row_error` (R,) [N m]: rms torque that
-    the model does not explain on the empty machine; `identified`: from a recording, else from the data sheet. The
-    remaining torque is multiplied by `scale` (with standard error `scale_error`), which a lift of a known weight
-    corrects for errors of levers, areas and gains. `correlation` [s]: how long the unexplained torque keeps its
-    sign, as far as a weight is concerned; 0: not measured. `between_strokes`: how much friction and zeros differ.
-    `common_error`: relative error of a common scale of all pressures that the data sheet's masses allow; 0 after a
-    lift of a known weight."""
+    """Dynamic tares: the identified parameters of the empty machine.
+
+    friction:        names of the model's friction laws
+    names:           of the P parameters
+    values:          (P,) parameters
+    covariance:      (P, P) of the values
+    row_error:       (R,) rms torque that the model does not explain on the empty machine [N m]
+    identified:      from a recording; otherwise from the data sheet
+    scale:           factor on the residual torque; a lift of a known weight corrects by it errors of levers, areas and
+                     gains
+    scale_error:     standard error of `scale`
+    correlation:     time for which the unexplained torque keeps its sign, as far as a weight is concerned [s]; 0: not
+                     measured
+    between_strokes: differences of friction and zeros between strokes
+    common_error:    relative error of a common scale of all pressures that the data sheet's masses allow; 0 after a
+                     lift of a known weight
+    """
 
     friction: tuple[str, ...]
     names: tuple[str, ...]
@@ -100,9 +112,16 @@ class Tares(NamedTuple):
 
 @dataclass(frozen=True)
 class Model:
-    """The model of one machine. Its columns: the P parameters of the empty machine, then force and moment at the tool
-    (3), the unknown friction at rest (C) and the zero errors of the pressures (C). `usual`: what other machines of its
-    type show of parameters: names, means and standard deviations."""
+    """Model of one machine.
+
+    Its columns: the P parameters of the empty machine, force and moment at the tool (3), the unknown friction at rest
+    (C), and the zero errors of the pressures (C).
+
+    machine:  the data sheet
+    filters:  rates and cut-off frequencies
+    friction: names of the friction laws
+    usual:    (name, mean, standard deviation) of parameters over machines of this type; empty: unknown
+    """
 
     machine: Machine
     filters: Filters
@@ -110,12 +129,12 @@ class Model:
     usual: tuple[tuple[str, float, float], ...] = ()
 
     def with_laws(self, friction: tuple[str, ...]) -> "Model":
-        """The model with other friction laws."""
+        """Return the model with other friction laws."""
         return replace(self, friction=friction)
 
     @property
     def sheet(self) -> "Model":
-        """The model of which only the data sheet is known."""
+        """Model of the data sheet alone, without the usual values of the type."""
         return replace(self, usual=()) if self.usual else self
 
     @cached_property
@@ -140,19 +159,19 @@ class Model:
 
     @cached_property
     def filtered(self) -> FilteredRegressor:
-        """The filtered regressor with all columns."""
+        """Filtered regressor with all columns."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
     @cached_property
     def fast(self) -> FastFilters:
-        """Filters of the same columns at this instant, for the force at the tool."""
+        """Filters of these columns for the instant, for the force at the tool."""
         return FastFilters(self.filters)
 
     @cached_property
     def channels(self) -> Channels:
-        """The conversion of signals to motion."""
+        """Conversion of signals to motion."""
         return Channels(self.machine, self.filters)
 
     @cached_property
@@ -162,34 +181,37 @@ class Model:
 
     @cached_property
     def tool(self) -> slice:
-        """The columns of the tool's force and moment."""
+        """Columns of the tool's force and moment."""
         return slice(len(self.parameters), len(self.parameters) + 3)
 
     @cached_property
     def at_rest(self) -> slice:
-        """The columns of the unknown friction at rest."""
+        """Columns of the unknown friction at rest."""
         first = len(self.parameters) + 3
         return slice(first, first + len(self.machine.cylinders))
 
     def share_at_rest(self, columns: Array) -> Array:
-        """Share (..., R), 0 to 1, of the lever with friction of unknown direction, from all `columns` of filtered
-        rows."""
+        """Return the share (..., R), 0 to 1, of the lever with friction of unknown direction.
+
+        columns: (..., R, K) all columns of filtered rows
+        """
         unknown = columns[..., self.at_rest].sum(axis=-1)
         lever = np.abs(columns[..., self.coulomb]).sum(axis=-1)
         return np.asarray(unknown / np.maximum(lever + unknown, 1e-12))
 
     @cached_property
     def zero(self) -> slice:
-        """The columns of the pressures' zero errors."""
+        """Columns of the pressures' zero errors."""
         return slice(len(self.parameters) + 3 + len(self.machine.cylinders), None)
 
     @cached_property
     def scale_error(self) -> float:
-        """Relative standard error of the torque computed from pressures, from the data sheet: piston areas, and the
-        lever with its two pins in mid-range, at the innermost measured joint. A recording of the empty machine
-        cannot reduce it; a lift of a known weight can. The gain of the pressure sensors is part of it. At a
-        loader's arm only the lift cylinders count: the lever of the tilt cylinder may vanish there, and its torque
-        with it."""
+        """Relative standard error of the torque computed from pressures, by the data sheet.
+
+        It combines the piston areas, the gain of the pressure sensors, and the lever with its two pins in mid-range, at
+        the innermost measured joint. A recording of the empty machine cannot reduce it; a lift of a known weight can.
+        At a loader's arm only the lift cylinders count: the lever of the tilt cylinder, and with it its torque, may
+        vanish there."""
         middle = np.array([(link.angle_low + link.angle_high) / 2.0 for link in self.machine.links])
         lever = np.abs(self.machine.geometry(middle).lever[:, self.machine.rows[0]])
         own = [c for c in self.acting[0] if max(self.machine.spans[c]) == self.machine.rows[0]] or self.acting[0]
@@ -205,19 +227,18 @@ class Model:
 
     @cached_property
     def changing(self) -> NDArray[np.intp]:
-        """Numbers (D,) of the columns of what changes in service: that friction, then the pressures' zero errors."""
+        """Numbers (D,) of the columns that drift in service: changing friction, then the pressures' zero errors."""
         first = self.zero.start
         return np.array([*self.changing_friction, *range(first, first + len(self.machine.cylinders))])
 
     @cached_property
     def coulomb(self) -> list[int]:
-        """The columns of the Coulomb friction."""
+        """Columns of the Coulomb friction."""
         return [k for k, p in enumerate(self.parameters) if p.name.endswith(".coulomb")]
 
     @cached_property
     def load(self) -> Array:
-        """(P, 4): what a load's (m, m x, m z, J about the last pin) adds to the parameters
-        (mechanics/README.md, section 9)."""
+        """Parameters (P, 4) per unit of a load's (m, m x, m z, J about its pin), see mechanics/README.md, section 9."""
         place = {p.name: k for k, p in enumerate(self.parameters)}
         table = np.zeros((len(place), 4))
         for link in self.machine.links[:-1]:
@@ -230,14 +251,15 @@ class Model:
 
     @cached_property
     def acting(self) -> tuple[tuple[int, ...], ...]:
-        """For each measured torque the numbers of the cylinders that act on its joint."""
+        """Numbers of the cylinders that act on the joint of each measured torque."""
         spans = self.machine.spans
         return tuple(tuple(c for c, span in enumerate(spans) if j in span) for j in self.machine.rows)
 
     @cached_property
     def settle_steps(self) -> int:
-        """Settling time of the filters in steps: 7/w of the lowest cut-off w, a first-order filter's 5/w with a reserve
-        for the filters of second order."""
+        """Settling time of the filters in steps: 7/w of the lowest cut-off w.
+
+        A first-order filter settles in 5/w; the rest is a reserve for the filters of second order."""
         slowest = min(self.filters.regressor_hz, self.filters.smoothing_hz, self.filters.channel_hz)
         return int(np.ceil(7.0 / (2 * np.pi * slowest) * self.filters.rate_hz))
 
@@ -255,8 +277,10 @@ class Model:
         return self._as_usual(with_bars(self.machine, tuple(place), Prior(mean, covariance)))
 
     def _as_usual(self, prior: Prior) -> Prior:
-        """The prior with what is usual for the type in place of the data sheet's. Without the bars of linkages, the
-        links contain them: then what is usual of the links beside the bars tells nothing."""
+        """Return the prior with the usual values of the type in place of the data sheet's.
+
+        A model without columns for the bars of linkages has the bars within its links. The type's values of links
+        exclude the bars, so that they are skipped then."""
         place = {p.name: k for k, p in enumerate(self.parameters)}
         mean, covariance = prior.mean.copy(), prior.covariance.copy()
         first = 0 if BARS in self.friction or not of_bars(self.machine) else 3 * self.machine.size
@@ -268,7 +292,7 @@ class Model:
         return Prior(mean, covariance)
 
     def _guesses(self) -> list[tuple[str, float, float]]:
-        """Prior (name, mean, standard error) of every parameter of slew, friction and delay, not of the bars."""
+        """Return (name, mean, standard error) of every parameter of slew, friction and delay, without the bars."""
         guesses = []
         if self._slews:
             for link in self.machine.links:

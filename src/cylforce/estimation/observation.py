@@ -1,4 +1,4 @@
-"""From recordings to filtered rows and their factors, the input of the identification, in constant memory."""
+"""Filtered rows and factors of recordings, the input of the identification, in constant memory."""
 
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -25,11 +25,17 @@ NOISE_SHARE = 0.999  # quantile at which differences are cut off, so that jumps 
 
 
 class Observed(NamedTuple):
-    """Filtered rows of a stretch: `columns` (T, R, P); `torque` (T, R) [N m], NaN where not usable; `posture` (T, N):
-    joint angles [rad]; `speed` (T, C) of the cylinders [m/s]; `tool` (T, R, 3): columns of a force and a moment at the
-    tool; `noise` (T, R, P+4): change of columns, tool columns and torque by noise as strong as the sensors';
-    `certain` (T, R): whether the direction of friction is known well enough for the row to be fitted; `zero` (T, R, C):
-    columns of the pressures' zero errors."""
+    """Filtered rows of a stretch.
+
+    columns: (T, R, P) of the empty machine's parameters
+    torque:  (T, R) [N m]; NaN where a row is not usable
+    posture: (T, N) joint angles [rad]
+    speed:   (T, C) of the cylinders [m/s]
+    tool:    (T, R, 3) columns of a force and a moment at the tool
+    noise:   (T, R, P+4) change of columns, tool columns and torque by noise as strong as the sensors'
+    certain: (T, R) whether the direction of friction is known well enough for the row to be fitted
+    zero:    (T, R, C) columns of the pressures' zero errors
+    """
 
     columns: Array
     torque: Array
@@ -42,8 +48,9 @@ class Observed(NamedTuple):
 
 
 def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
-    """Segments of samples (T, S) without gaps, cut into pieces of CHUNK_SECONDS that overlap by the settling time of
-    the filters, so that only the first samples of a segment are lost."""
+    """Yield segments of samples (T, S) without gaps, cut into pieces of CHUNK_SECONDS.
+
+    Pieces overlap by the settling time of the filters, so that only the first samples of a segment are lost."""
     step, overlap = int(CHUNK_SECONDS * model.filters.rate_hz), model.settle_steps + 1
     for segment in segments:
         for first in range(0, max(len(segment) - overlap, 1), step):
@@ -53,9 +60,14 @@ def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
 
 
 def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) -> Observed:
-    """Rows of a stretch of samples (T, S) without gaps, which begins at step `first` of the recording. The settling
-    time of the filters is left out; rows with an unusable lever or unknown direction of friction have NaN as torque.
-    Not `noisy`: the sensors' noise is taken as zero, which takes half the time."""
+    """Return the rows of a stretch of samples (T, S) without gaps.
+
+    The settling time of the filters is omitted. Rows with an unusable lever or unknown direction of friction have NaN
+    as torque.
+
+    first: step of the recording at which the stretch begins
+    noisy: estimate the sensors' noise; False: taken as zero, in half the time
+    """
     moved = model.channels.run(values)
     rows = model.filtered.run(moved.motion)
     unknown = model.share_at_rest(rows.columns)
@@ -69,7 +81,7 @@ def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) 
 
 
 def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
-    """Noise of the rows (T, R, P+4): their change when artificial noise as strong as the sensors' is added."""
+    """Return the noise of the rows (T, R, P+4): their change by artificial noise as strong as the sensors'."""
     moved = model.channels.run(values + noise_like(values, first))
     noisy = model.filtered.run(moved.motion)
     columns = (noisy.columns - rows.columns)[..., : model.tool.stop]
@@ -78,15 +90,19 @@ def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
 
 
 def unusable(model: Model, moved: Moved) -> NDArray[np.bool_]:
-    """Whether each row (T, R) is spoilt because a lever was unusable within the settling time of the filters."""
+    """Return whether each row (T, R) is spoilt because a lever was unusable within the settling time of the filters."""
     lost = [np.logical_not(np.all(moved.usable[:, acting], axis=1)) for acting in model.acting]
     return np.stack([_stays(bad, model.settle_steps) for bad in lost], axis=-1)
 
 
 def noise_like(values: Array, first: int) -> Array:
-    """White noise (T, S) as strong as that of the samples (T, S). Its level is estimated from their third differences,
-    in which smooth motion vanishes; its signs are a maximal-length sequence, a different part of it for each signal,
-    counted from step `first` of the recording, so that the result is reproducible."""
+    """Return white noise (T, S) as strong as that of the samples (T, S), reproducibly.
+
+    Its level is estimated from their third differences, in which smooth motion vanishes. Its signs are a maximal-length
+    sequence, a different part of it for each signal.
+
+    first: step of the recording from which the sequence is counted
+    """
     from scipy import ndimage
 
     steps, signals = values.shape
@@ -100,19 +116,19 @@ def noise_like(values: Array, first: int) -> Array:
 
 @cache
 def _signs() -> Array:
-    from scipy import signal  # not needed by who reads results of recordings
+    from scipy import signal  # here, because programs that only read results do without scipy
 
     return np.asarray(2.0 * signal.max_len_seq(SEQUENCE)[0] - 1.0)
 
 
 def _stays(bad: Array, steps: int) -> Array:
-    """`bad` (T,) with the `steps` samples after each bad one marked, too: the filters still contain it."""
+    """Return `bad` (T,) with the `steps` samples after each bad one marked as well: the filters still contain it."""
     since = np.convolve(bad.astype(np.float64), np.ones(steps + 1))[: bad.size]
     return np.asarray(since > 0.5)
 
 
 def block_factors(model: Model, seen: Observed) -> Factors:
-    """Factors of a stretch in blocks of BLOCK_SECONDS; columns and marks as in `observed_factors`."""
+    """Return the factors of a stretch in blocks of BLOCK_SECONDS; columns and marks as in `observed_factors`."""
     columns = np.concatenate([seen.columns, seen.tool, seen.zero], axis=-1)
     noise = np.concatenate([seen.noise[..., :-1], np.zeros_like(seen.zero), seen.noise[..., -1:]], axis=-1)
     rows = blocks.BlockRows(columns, seen.torque, noise, seen.certain, _marks(seen))
@@ -131,13 +147,21 @@ def _marks(seen: Observed) -> Array:
 
 
 def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = True) -> Factors:
-    """Factors of a recording: columns of the P parameters, then the three of the tool
-    and those of the C pressures' zero errors, whose noise is neglected. The marks of a block are the
-    mean posture (N), the cylinders' mean absolute speed (C) and the shares of time in which they extend (C) and retract
-    (C); of the measured joints the mean fitted torque (R) [N m], zero where a row is not fitted, and the share of time
-    in which it is fitted (R). `noisy`: see `observe`.
+    """Return the factors of a recording.
 
-    Raises TooShortError, in one sentence, when no segment is long enough."""
+    The columns are those of the P parameters, the three of the tool and those of the C pressures' zero errors, whose
+    noise is neglected. The marks of a block are, in this order:
+    posture (N):    mean [rad]
+    speed (C):      mean absolute speed of the cylinders [m/s]
+    extending (C):  share of time in which they extend
+    retracting (C): share of time in which they retract
+    torque (R):     mean fitted torque [N m], zero where a row is not fitted
+    fitted (R):     share of time in which a row is fitted
+
+    Raises TooShortError with a sentence when no segment is long enough.
+
+    noisy: see `observe`
+    """
     step = int(CHUNK_SECONDS * model.filters.rate_hz)
     seen = (observe(model, piece, k * step, noisy=noisy) for k, piece in enumerate(chunks(model, segments)))
     parts = (block_factors(model, stretch) for stretch in seen)

@@ -14,57 +14,70 @@ from cylforce.signals.estimate import Array
 
 
 class Root(NamedTuple):
-    """Information about P parameters: `factor` R (P, P) and `right` z (P,); R'R is the information matrix and the
-    estimate solves R values = z."""
+    """Information about P parameters; the estimate solves R values = z.
+
+    factor: (P, P) triangle R of the information matrix R'R
+    right:  (P,) right-hand side z
+    """
 
     factor: Array
     right: Array
 
 
 def nothing_known(size: int) -> Root:
-    """The state without any prior information about `size` parameters."""
+    """Return the state without any prior information about `size` parameters."""
     return Root(np.zeros((size, size)), np.zeros(size))
 
 
 def known(mean: Array, standard_error: Array) -> Root:
-    """The state with independent priors: `mean` (P,) and `standard_error` (P,)."""
+    """Return the state with independent priors.
+
+    mean:           (P,) prior means
+    standard_error: (P,) prior standard errors
+    """
     return Root(np.diag(1.0 / standard_error), mean / standard_error)
 
 
 def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root:
-    """The state after further rows `observed` (R,) = columns (R, P) @ values with error `variance` (R,); a row of
-    infinite variance has no effect."""
+    """Return the state after further rows observed = columns @ values. A row of infinite variance has no effect.
+
+    columns:  (R, P) of the rows
+    observed: (R,) observed values
+    variance: (R,) of the error of each row
+    """
     weight = 1.0 / np.sqrt(variance)
     size = root.right.size
     stacked = np.empty((size + weight.size, size + 1))
     stacked[:size, :size], stacked[:size, size] = root.factor, root.right
     stacked[size:, :size], stacked[size:, size] = columns * weight[:, None], observed * weight
-    reflected = np.linalg.qr(stacked, mode="raw")[0].T  # below the diagonal: the vectors of the reflections
+    # QR of [R z; A/s b/s]; below the diagonal: the vectors of the reflections
+    reflected = np.linalg.qr(stacked, mode="raw")[0].T
     return Root(reflected[:size, :size] * _upper(size), reflected[:size, size].copy())
 
 
 @cache
 def _upper(size: int) -> Array:
-    """(P, P), 1 on and above the diagonal, else 0."""
+    """Return (P, P), 1 on and above the diagonal, else 0."""
     return np.triu(np.ones((size, size)))
 
 
 def forget(root: Root, columns: Array, keep: float) -> Root:
-    """The state without the share 1 - `keep` of its information in the directions of `columns` (R, P). Nothing is
-    forgotten in directions that these rows do not measure, so nothing while the machine is parked (SIFt-RLS, arXiv
-    2404.10844).
+    """Return the state without the share 1 - `keep` of its information in the directions of `columns` (R, P).
 
-    With Q an orthonormal basis of R columns', R <- (I - (1 - sqrt(keep)) Q Q') R leaves the estimate as it is."""
+    Nothing is forgotten in directions that these rows do not measure, hence nothing while the machine is parked
+    (SIFt-RLS, arXiv 2404.10844). With Q an orthonormal basis of R columns', R <- (I - (1 - sqrt(keep)) Q Q') R leaves
+    the estimate unchanged."""
     seen = root.factor @ columns.T
     basis, size, _ = np.linalg.svd(seen, full_matrices=False)
     basis = basis[:, size > FORGETTING_RANK * max(float(size[0]), 1e-300)] if size[0] > 0.0 else basis[:, :0]
-    lose = (1.0 - np.sqrt(keep)) * basis
+    lose = (1.0 - np.sqrt(keep)) * basis  # R <- R - (1 - sqrt(keep)) Q Q' R
     return Root(root.factor - lose @ (basis.T @ root.factor), root.right - lose @ (basis.T @ root.right))
 
 
 def solution(root: Root) -> tuple[Array, Array]:
-    """The estimate (P,) and its covariance (R'R)^-1 (P, P). Raises numpy.linalg.LinAlgError while the information is
-    singular."""
+    """Return the estimate (P,) and its covariance (R'R)^-1 (P, P).
+
+    Raises numpy.linalg.LinAlgError while the information is singular."""
     inverse = np.linalg.inv(root.factor)
     return inverse @ root.right, inverse @ inverse.T
 

@@ -1,5 +1,5 @@
-"""The regressor: a Machine and an ordered tuple of effects, their columns side by side, filtered so that no
-acceleration is needed (mechanics/README.md, section 5)."""
+"""Regressor: a machine and an ordered tuple of effects, their columns side by side, filtered so that no acceleration is
+needed (mechanics/README.md, section 5)."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True)
 class Regressor:
-    """Columns of several effects side by side, for the R measured torques of a machine; columns of the same name are
+    """Columns of several effects side by side, for the R measured torques of a machine. Columns of the same name are
     added."""
 
     machine: Machine
@@ -30,7 +30,7 @@ class Regressor:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The parameters' names."""
+        """Names of the parameters."""
         return tuple(p.name for p in self.parameters)
 
     @cached_property
@@ -50,7 +50,7 @@ class Regressor:
         return slice(None) if rows == tuple(range(self.machine.size)) else rows
 
     def both_halves(self, moving: Motion) -> tuple[Array, Array]:
-        """Momentum and static columns, each (..., R, P)."""
+        """Return momentum and static columns, each (..., R, P)."""
         shape = (*moving.q.shape[:-1], self.machine.size, len(self.parameters))
         momentum, static = np.zeros(shape), np.zeros(shape)
         for effect, places, shared in zip(self.effects, self._places, self._shared, strict=True):
@@ -64,8 +64,11 @@ class Regressor:
         return momentum[..., self._rows, :], static[..., self._rows, :]
 
     def products(self, moving: Motion, values: Array, without: Collection[Effect] = ()) -> tuple[Array, Array]:
-        """Momentum [N m s] and static torque [N m] for parameters `values` (P,), each (..., R), without the effects in
-        `without`."""
+        """Return momentum [N m s] and static torque [N m], each (..., R).
+
+        values:  (P,) parameters
+        without: effects that are omitted
+        """
         momentum, static = np.zeros((2, *moving.q.shape))
         for effect, places in zip(self.effects, self._places, strict=True):
             if effect in without:
@@ -77,24 +80,28 @@ class Regressor:
         return momentum[..., self._rows], static[..., self._rows]
 
     def torque(self, moving: Motion) -> Array:
-        """Measured torque (..., R) [N m]."""
+        """Return the measured torque (..., R) [N m]."""
         return joint_torque(moving)[..., self._rows]
 
 
 def _times(columns: Array, values: Array) -> Array:
-    """Columns (..., N, P) @ values (P,), computed as one matrix product for speed."""
+    """Return columns (..., N, P) @ values (P,), computed as one matrix product for speed."""
     return np.asarray((columns.reshape(-1, len(values)) @ values).reshape(columns.shape[:-1]))
 
 
 def _compact(places: list[int]) -> Array | slice:
-    """Consecutive indices as a slice, others as an array: indexing with a slice is much faster."""
+    """Return consecutive indices as a slice, others as an array: indexing with a slice is much faster."""
     if places == list(range(places[0], places[0] + len(places))):
         return slice(places[0], places[0] + len(places))
     return np.array(places)
 
 
 class Rows(NamedTuple):
-    """Filtered columns (..., R, P) and filtered torque (..., R) [N m], with torque = columns @ parameters."""
+    """Filtered rows, torque = columns @ parameters.
+
+    columns: (..., R, P) filtered columns
+    torque:  (..., R) filtered torque [N m]
+    """
 
     columns: Array
     torque: Array
@@ -102,11 +109,17 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class FilteredRegressor:
-    """S (d/dt L momentum + L static) = S L torque: L low-pass of first order, S low-pass of second order. Both are one
-    filter with two numerators: `filters.slope` for the momentum, `filters.mean` for static columns and torque.
+    """Filtered rows S (d/dt L momentum + L static) = S L torque: L low-pass of first order, S low-pass of second order.
 
-    Start: the momentum filter is settled at its first input, the others are at zero, so that the identity holds from
-    the first sample on. `dt` [s] is the fixed step."""
+    Both are one filter with two numerators: `filters.slope` for the momentum, `filters.mean` for static columns and
+    torque. At the start the momentum filter is settled at its first input and the others are at zero. The identity then
+    holds from the first sample on.
+
+    regressor:    the columns before the filters
+    dt:           fixed step [s]
+    regressor_hz: cut-off of L
+    smoothing_hz: cut-off of S
+    """
 
     regressor: Regressor
     dt: float
@@ -115,13 +128,13 @@ class FilteredRegressor:
 
     @cached_property
     def mean(self) -> Filter:
-        """The filter of static columns and torque."""
+        """Filter of static columns and torque."""
         low = poles(first_order(self.regressor_hz, self.dt), second_order(self.smoothing_hz, self.dt))
         return Filter(tuple(low.b[0] * share / 8.0 for share in (1.0, 3.0, 3.0, 1.0)), low.a)
 
     @cached_property
     def slope(self) -> Filter:
-        """The filter of momentum."""
+        """Filter of momentum."""
         gain = 8.0 * self.mean.b[0] / (3.0 * self.dt)
         return Filter((gain, 0.0, 0.0, -gain), self.mean.a)
 
@@ -131,34 +144,36 @@ class FilteredRegressor:
         return self.mean.delay * self.dt
 
     def inputs(self, moving: Motion) -> tuple[Array, Array]:
-        """Momentum columns (..., R, P), and static columns with the torque as the last one (..., R, P+1)."""
+        """Return momentum columns (..., R, P), and static columns with the torque as the last one (..., R, P+1)."""
         (momentum, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
         return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
     def _begun(self, static: Array) -> Array:
-        """State of the filter `mean` before the first sample, as if the input had been zero until then. A first group
-        of four samples contains only a part of a step since then: 0, 1/3 and 2/3 of it for the first three outputs."""
+        """Return the state of the filter `mean` before the first sample, as if the input had been zero until then.
+
+        The first groups of four samples contain only a part of a step since then: 0, 1/3 and 2/3 of it for the first
+        three outputs."""
         return np.stack([share * static for share in self.shares])
 
     @cached_property
     def shares(self) -> tuple[float, ...]:
-        """The state of `mean` before a first input of 1."""
+        """State of `mean` before a first input of 1."""
         b = self.mean.b
         return tuple(step * sum(b) / 3.0 - sum(b[: step + 1]) for step in range(3))
 
     def run(self, moving: Motion) -> Rows:
-        """The rows of a recording, whose leading axis is time."""
+        """Return the rows of a recording, whose leading axis is time."""
         momentum, static = self.inputs(moving)
         rows = self.mean.run(self._begun(static[0]), static)[1]
         moved = self.slope.run(self.slope.rest(momentum[0]), momentum)[1]
         return Rows(rows[..., :-1] + moved, rows[..., -1])
 
     def left(self, moving: Motion, values: Array) -> Array:
-        """Residual of the filtered torque (T, R) [N m] along a recording, for parameters `values` (P,)."""
+        """Return the residual of the filtered torque (T, R) [N m] along a recording, for parameters `values` (P,)."""
         momentum, static = self.regressor.products(moving, values)
         return self.filtered(-momentum, self.regressor.torque(moving) - static)
 
     def filtered(self, momentum: Array, static: Array) -> Array:
-        """S (d/dt L momentum + L static) of a recording, `momentum` and `static` (T, ...)."""
+        """Return S (d/dt L momentum + L static) of a recording, `momentum` and `static` (T, ...)."""
         moved = self.slope.run(self.slope.rest(momentum[0]), momentum)[1]
         return np.asarray(self.mean.run(self._begun(static[0]), static)[1] + moved)

@@ -1,5 +1,5 @@
-"""The torque that the identified empty machine does not explain: load, force at the tool, and errors; and the limits
-from which on a load counts as a weight."""
+"""Residual torque of the identified empty machine (load, force at the tool, errors), and the limits above which a load
+counts as a weight."""
 
 from typing import NamedTuple
 
@@ -21,8 +21,13 @@ REST_SECONDS = 10.0
 
 
 class Residual(NamedTuple):
-    """The torque that the tares do not explain: `torque` (R,) [N m] and its `variance` (R,) [N^2 m^2] without friction
-    at rest; `rest` (R,) [N^2 m^2]: variance of the unknown friction at rest; `columns` (R, P) of the tares."""
+    """Residual torque of the tares at one instant.
+
+    torque:   (R,) residual [N m]
+    variance: (R,) of the torque, without friction at rest [N^2 m^2]
+    rest:     (R,) variance of the unknown friction at rest [N^2 m^2]
+    columns:  (R, P) of the tares
+    """
 
     torque: Array
     variance: Array
@@ -31,18 +36,22 @@ class Residual(NamedTuple):
 
 
 def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
-    """Residual r = scale (torque - W Phi - drift) of one instant with its variances; `drift` (R,) [N m]: torque of the
-    adapted friction and zeros."""
+    """Return the residual r = scale (torque - W Phi - drift) of one instant, with its variances.
+
+    drift: (R,) torque of the adapted friction and zeros [N m]
+    """
     size = len(model.parameters)
     columns = rows.columns[..., :size]
-    torque = tares.scale * (rows.torque - columns @ tares.values - drift)
+    torque = tares.scale * (rows.torque - columns @ tares.values - drift)  # r = scale (torque - W Phi - drift)
     rest = _at_rest(model, tares, rows) ** 2 if len(model.coulomb) else np.zeros_like(torque)
     return Residual(torque, tares.row_error**2 + (RELATIVE * torque) ** 2, rest, columns)
 
 
 def _at_rest(model: Model, tares: Tares, rows: Rows) -> Array:
-    """Standard error (..., R) [N m] of the torque by friction at rest: of each cylinder, for the share of its lever
-    whose direction is unknown, f_c and what a force adds to it. That force times the lever is the row's torque."""
+    """Return the standard error (..., R) [N m] of the torque by friction at rest.
+
+    For the share of each cylinder's lever whose direction is unknown it is f_c plus the part of friction that grows
+    with the force. That force times the lever is the row's torque."""
     unknown = rows.columns[..., model.at_rest]
     share = unknown / np.maximum(np.abs(rows.columns[..., model.coulomb]) + np.abs(unknown), 1e-300)
     more = np.abs(rows.torque) * (share @ by_load(model, tares.values))
@@ -50,21 +59,26 @@ def _at_rest(model: Model, tares: Tares, rows: Rows) -> Array:
 
 
 def by_load(model: Model, values: Array) -> Array:
-    """Share (C,) of its force by which each cylinder's dry friction is more, from the parameters `values` (P,)."""
+    """Return the share (C,) of a cylinder's force by which its dry friction increases, from the parameters `values`
+    (P,)."""
     names = {p.name: k for k, p in enumerate(model.parameters)}
     places = [names.get(f"{c.name}.load_dependent") for c in model.machine.cylinders]
     return np.array([0.0 if k is None else max(float(values[k]), 0.0) for k in places])
 
 
 def correlated(filters: Filters, seconds: float = 0.0) -> float:
-    """Number of consecutive samples that count as one independent sample: the correlation time of the filters, or the
-    longer one [s] that was measured of the residual."""
+    """Return the number of consecutive samples that count as one independent sample.
+
+    It is the correlation time of the filters, or the longer one that was measured of the residual.
+
+    seconds: measured correlation time [s]; 0: not measured
+    """
     return max(
         1.0, filters.rate_hz / (np.pi * min(filters.smoothing_hz, filters.regressor_hz)), seconds * filters.rate_hz
     )
 
 
 def load_spread(machine: Machine) -> Array:
-    """Standard errors (4,) of a load's (m, m x, m z, J) before anything is seen of it."""
+    """Return the prior standard errors (4,) of a load's (m, m x, m z, J)."""
     moment = machine.rated_payload * machine.payload_reach
     return np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])

@@ -10,12 +10,13 @@ from cylforce.signals.estimate import Array
 
 
 def gapless(values: Array, longest: int) -> list[Array]:
-    """Stretches without NaN of samples (T, S); gaps of up to `longest` rows are filled by linear interpolation."""
+    """Return the stretches without NaN of samples (T, S); gaps of up to `longest` rows are filled by linear
+    interpolation."""
     return [stretch for _, stretch in stretches(values, longest)]
 
 
 def stretches(values: Array, longest: int) -> list[tuple[int, Array]]:
-    """The stretches of `gapless`, each with the number of its first row."""
+    """Return the stretches of `gapless`, each with the number of its first row."""
     good = np.flatnonzero(np.all(np.isfinite(values), axis=1))
     if good.size == 0:
         return []
@@ -24,8 +25,12 @@ def stretches(values: Array, longest: int) -> list[tuple[int, Array]]:
 
 
 class Part(NamedTuple):
-    """Samples `values` (T, S) without NaN, beginning at row `first` of a recording; `goes_on`: whether it follows the
-    part before without a gap."""
+    """Part of a recording without NaN.
+
+    first:   row of the recording at which it begins
+    values:  (T, S) samples
+    goes_on: whether it follows the part before without a gap
+    """
 
     first: int
     values: Array
@@ -33,9 +38,13 @@ class Part(NamedTuple):
 
 
 def parts(pieces: Iterable[Array], longest: int, size: int, least: int) -> Iterator[Part]:
-    """The stretches of a recording that is read in pieces (T, S), each cut into parts of `size` rows (the last part of
-    a stretch: less than `size` + `least` rows). Gaps of up to `longest` rows are filled; stretches shorter than `least`
-    rows are left out."""
+    """Yield the stretches of a recording, each cut into parts of `size` rows. The last part of a stretch has less than
+    `size` + `least` rows.
+
+    pieces:  (T, S) the recording, one piece after the other
+    longest: rows of a gap that is filled by interpolation
+    least:   rows of the shortest stretch that is used
+    """
     count, pending = 0, None  # rows so far, and the part that may go on in the next piece
     for piece in pieces:
         begin, rows, goes_on = count, piece, False

@@ -1,5 +1,7 @@
-"""How what the model leaves of a recording changes with its readings, or with the machine: the difference of two
-variants, of which only that is computed in which they differ. All filters are linear: they see differences alone."""
+"""Change of a recording's residual with its readings, or with the machine: the difference of two variants.
+
+Only the parts in which the variants differ are computed. All filters are linear, so that they are applied to
+differences alone."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,8 +21,14 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """A recording of samples `values` (T, S) seen by a model with `tares` (P,) at a rate of its own: every `thin`-th
-    sample after the low-pass `low`."""
+    """A recording and the model that explains it, at a reduced rate.
+
+    model:  the model
+    tares:  (P,) its parameters
+    values: (T, S) samples of the recording
+    low:    low-pass before the reduction of the rate
+    thin:   every `thin`-th sample is used
+    """
 
     model: Model
     tares: Array
@@ -29,14 +37,14 @@ class Sensitivity:
     thin: int
 
     def of_readings(self, more: Array, less: Array) -> Array:
-        """What is left of samples `more` (T, S) less what is left of `less` (T', R)."""
+        """Return the residual of samples `more` (T, S) minus that of samples `less` (T, S), as (T', R) [N m]."""
         if more is less:
             return self._nothing
         machine = self.model.machine
         return self._difference(*((machine, self._motion(self._course(each))) for each in (more, less)))
 
     def of_machines(self, more: Machine, less: Machine) -> Array:
-        """What is left by the machine `more` less what is left by `less` (T', R)."""
+        """Return the residual with the machine `more` minus that with the machine `less`, as (T', R) [N m]."""
         if more is less:
             return self._nothing
         return self._difference(*((machine, self._altered(machine)) for machine in (more, less)))
@@ -47,14 +55,14 @@ class Sensitivity:
 
     @cached_property
     def thinned(self) -> Array:
-        """Samples (T', S)."""
+        """Samples (T', S) at the reduced rate."""
         return self._thinned(self.values)
 
     def _thinned(self, values: Array) -> Array:
         return np.asarray(self.low.run(self.low.steady(values[0]), values)[1][:: self.thin])
 
     def _course(self, values: Array) -> Array:
-        """Channels (T', D) of samples (T, S)."""
+        """Return the channels (T', D) of samples (T, S)."""
         other, found = _changed(values, self.values), self.thinned.copy()
         found[:, other] = self._thinned(values[:, other])
         return self.model.channels.course(found)
@@ -78,11 +86,11 @@ class Sensitivity:
 
     @cached_property
     def motion(self) -> Motion:
-        """The recording's own."""
+        """Motion of the recording."""
         return self.model.channels.moved(*self._means, self._geometry).motion
 
     def _motion(self, channels: Array) -> Motion:
-        """From channels that differ from the recording's in some."""
+        """Return the motion of channels, of which some differ from the recording's."""
         other, forces = _changed(channels, self._plain), self.model.channels.forces
         middle, rate = (each.copy() for each in self._means)
         middle[:, other], rate[:, other] = self._between(channels[:, other])
@@ -104,7 +112,7 @@ class Sensitivity:
         return self._filter.filtered(*(a - b for a, b in zip(one, two, strict=True)))
 
     def _unfiltered(self, machine: Machine, moving: Motion, alike: list[Effect]) -> tuple[Array, Array]:
-        """What the columns of momentum, and the static ones, leave of the torque, each (T', R); some are left out."""
+        """Return the residual of momentum and of static torque, each (T', R), without the effects in `alike`."""
         empty = self.model.empty
         whole = empty if machine is empty.machine else Regressor(machine, empty.effects)
         momentum, static = whole.products(moving, self.tares, alike)
@@ -117,12 +125,12 @@ class Sensitivity:
 
 
 def _linked(machine: Machine) -> tuple[tuple[Link, ...], float]:
-    """All of a machine but its cylinders."""
+    """Return the parts of a machine that do not belong to its cylinders."""
     return machine.links, machine.slew_axis
 
 
 def _changed(values: Array, plain: Array) -> NDArray[np.bool_]:
-    """The columns (S,) in which values (T, S) differ."""
+    """Return which columns (S,) of `values` (T, S) differ from those of `plain` (T, S)."""
     count = values.shape[1]
     return np.bincount(np.flatnonzero(values != plain) % count, minlength=count) > 0
 

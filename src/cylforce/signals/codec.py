@@ -1,4 +1,4 @@
-"""PDO data to SI values and back, by `struct` formats compiled once from the table of PDO layouts."""
+"""Conversion of PDO data to SI values and back, by `struct` formats compiled once from the table of PDO layouts."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -12,8 +12,13 @@ from cylforce.signals.turns import in_range
 
 
 class Slot(NamedTuple):
-    """One field of a PDO: number `signal` of the signal it carries, its place `item` among the PDO's fields,
-    SI value = raw * `scale` + `offset`, accepted from `low` to `high` [SI]."""
+    """One field of a PDO that carries a signal.
+
+    signal:        number of the signal
+    item:          place among the PDO's fields
+    scale, offset: SI value = raw * scale + offset
+    low, high:     accepted range [SI]
+    """
 
     signal: int
     item: int
@@ -24,8 +29,13 @@ class Slot(NamedTuple):
 
 
 class Decoder(NamedTuple):
-    """A PDO's compiled layout: the sender's node id, the `struct` of all fields, the fields that carry signals, and per
-    field the raw value that means "no value" (None for a float, where NaN means it)."""
+    """Compiled layout of a PDO.
+
+    node_id: of the sender
+    struct:  of all fields
+    slots:   fields that carry signals
+    missing: raw value of each field that means "no value"; None: a float, where NaN means it
+    """
 
     node_id: int
     struct: Struct
@@ -34,7 +44,10 @@ class Decoder(NamedTuple):
 
 
 def decoders(pdos: tuple[Pdo, ...], signals: Mapping[str, int]) -> dict[int, Decoder]:
-    """Decoder by CAN identifier; `signals` maps signal names to numbers, fields with any other name are skipped."""
+    """Return the decoders by CAN identifier. Fields whose name is not in `signals` are skipped.
+
+    signals: number of each signal by its name
+    """
     return {pdo.can_id: _decoder(pdo, signals) for pdo in pdos}
 
 
@@ -58,7 +71,7 @@ def _little_endian(*codes: str) -> Struct:
 
 
 def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
-    """SI values by name from the data of a PDO; NaN where the sender marks "no value".
+    """Return SI values by name from the data of a PDO; NaN where the sender marks "no value".
 
     Raises struct.error when `data` is shorter than the PDO."""
     raw = _struct(pdo).unpack_from(data)
@@ -70,21 +83,28 @@ def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
 
 
 def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
-    """Data of a PDO from SI values by name; a value that is missing, not finite or outside the field's range is sent as
-    "no value". An angle outside it is sent with whole turns added that lead into it, as its sensor does."""
+    """Return the data of a PDO from SI values by name.
+
+    A value that is missing, not finite or outside the field's range is sent as "no value". An angle outside its range
+    is sent with the whole turns added that lead into it, as its sensor does."""
     return packed(layout(pdo), [_readable(f, values.get(f.signal, nan)) if f.signal else 0.0 for f in pdo.fields])
 
 
 def _readable(field: Field, value: float) -> float:
-    """The value, of an angle with the whole turns that lead into the field's range."""
+    """Return the value, and that of an angle with the whole turns that lead into the field's range."""
     if field.unit != ANGLE_UNIT or not isfinite(value) or field.low <= value <= field.high:
         return value
     return float(in_range(value, field.low, field.high))
 
 
 class Raw(NamedTuple):
-    """How a field becomes a number on the bus: range, step and offset of its SI values, range of the integers that
-    carry a value (None for a float), and what means "no value"."""
+    """Conversion of a field's value to a number on the bus.
+
+    low, high:     range of the value [SI]
+    scale, offset: value = raw * scale + offset [SI]
+    integers:      smallest and largest integer that carries a value; None: a float
+    missing:       number that means "no value"
+    """
 
     low: float
     high: float
@@ -95,7 +115,7 @@ class Raw(NamedTuple):
 
     @property
     def fits(self) -> bool:
-        """Whether there is no offset, and each value in range has such an integer, or that which means "no value"."""
+        """Whether there is no offset, and each value in range has an integer that carries it or means "no value"."""
         if self.offset or self.integers is None:
             return False
         least, most = self.integers
@@ -105,7 +125,11 @@ class Raw(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """A PDO's `struct` and fields, for encoding."""
+    """Layout of a PDO, for encoding.
+
+    struct: of all fields
+    fields: in their order
+    """
 
     struct: Struct
     fields: tuple[Raw, ...]
@@ -113,7 +137,7 @@ class Layout(NamedTuple):
 
 @cache
 def layout(pdo: Pdo) -> Layout:
-    """How a PDO is encoded."""
+    """Return the layout of a PDO, for encoding."""
     return Layout(_struct(pdo), tuple(map(_raw_field, pdo.fields)))
 
 
@@ -122,7 +146,7 @@ def _raw_field(f: Field) -> Raw:
 
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:
-    """Data from the SI values of all fields, in their order."""
+    """Return the data from the SI values of all fields, in their order."""
     return of.struct.pack(*_raws(of, values))
 
 
@@ -140,7 +164,7 @@ def _raws(of: Layout, values: Sequence[float]) -> list[float]:
 
 
 def _raw_range(code: str) -> tuple[int, int]:
-    """Smallest and largest integer that carries a value: all but the one that means "no value"."""
+    """Return the smallest and largest integer that carries a value: all but the one that means "no value"."""
     bits = 8 * CODES[code]
     return (0, (1 << bits) - 2) if code.isupper() else (1 - (1 << (bits - 1)), (1 << (bits - 1)) - 1)
 

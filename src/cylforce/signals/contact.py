@@ -23,7 +23,7 @@ class ContactEvent:
 
     number:     count of events since the start
     t_us:       time [us]
-    kind:       what happened
+    kind:       kind of the event
     x, z:       place of the teeth, forward of and above the first pin [m]
     confidence: probability that it happened, 0 to 1
     """

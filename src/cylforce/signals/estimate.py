@@ -19,7 +19,7 @@ class Status(IntEnum):
     """Trust in a published value.
 
     OK:       the value and its standard error can be trusted
-    DEGRADED: valid with the standard error given; the reason says why it is large or not confirmed
+    DEGRADED: valid with the standard error given, which is large or not confirmed; see the reason
     HOLD:     the last value, because its sensors are late
     INVALID:  no value
     """
@@ -75,7 +75,7 @@ class Sample:
     plain:   (S,) SI values, as Python's own array, which the kernel reads
     reasons: (S,) why each signal is not usable; NONE: usable
     late:    why at least one value is repeated from before; NONE: all are fresh
-    leapt:   numbers of the signals that leapt and stayed there
+    leapt:   numbers of the signals that stepped and stayed there
     """
 
     t_us: int
@@ -179,11 +179,11 @@ class Booking:
     number:           count of bookings
     t_us:             time of booking [us]
     mass:             gross weight [kg]
-    standard_error:   of it [kg]
-    carry_back:       what remained in the bucket [kg]
-    carry_back_error: standard error of it [kg]
-    dumped:           what left the bucket [kg]
-    dumped_error:     standard error of it [kg]
+    standard_error:   of the mass [kg]
+    carry_back:       material that stayed in the bucket [kg]
+    carry_back_error: its standard error [kg]
+    dumped:           material that left the bucket [kg]
+    dumped_error:     its standard error [kg]
     by_hand:          whether the operator entered it instead of a weighing
     """
 
@@ -199,13 +199,13 @@ class Booking:
 
 
 def is_new(booking: Booking | None, before: Booking | None) -> bool:
-    """Return whether a booking has another number than the one before, and is not the same made more precise."""
+    """Return whether a booking has another number than the one before, so that it is not that one made more precise."""
     return booking is not None and (before is None or booking.number != before.number)
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """A hanging load.
+    """Load in the bucket.
 
     mass:               [kg]
     centre_x, centre_z: centre of mass [m] in the frame of the last link
@@ -233,7 +233,7 @@ def invalid_load(reason: Reason) -> Load:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """All estimates of a tick, as published.
+    """Estimates of a tick, as published.
 
     t_us:    time of the tick [us]
     load:    before zero and tare

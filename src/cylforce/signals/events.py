@@ -1,4 +1,4 @@
-"""The inputs of the service: frames and ticks, each with its time in integer microseconds. Nothing else enters it."""
+"""Inputs of the service: frames and ticks, each with its time in integer microseconds. It has no other input."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,12 @@ EXACTLY = EXTENDED | REMOTE | 0x7FF  # a mask: this 11-bit identifier and no oth
 
 
 class Frame(NamedTuple):
-    """A CAN frame received: time `t_us`, identifier with SocketCAN's flag bits, 0..8 bytes of data."""
+    """A CAN frame received.
+
+    t_us:   time [us]
+    can_id: identifier with SocketCAN's flag bits
+    data:   0 to 8 bytes
+    """
 
     t_us: int
     can_id: int
@@ -18,7 +23,10 @@ class Frame(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """The time of one step of the estimator."""
+    """Time of one step of the estimator.
+
+    t_us: [us]
+    """
 
     t_us: int
 

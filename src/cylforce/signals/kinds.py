@@ -1,11 +1,11 @@
-"""Signals: what is measured, where on the machine, and within which limits a value is accepted."""
+"""Signals: measured quantities, their places on the machine, and the limits within which a value is accepted."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class Kind(StrEnum):
-    """What a sensor measures; the SI unit of each is in `UNIT`."""
+    """Measured quantity of a sensor; the SI unit of each is in `UNIT`."""
 
     HEAD_PRESSURE = "head_pressure"
     ROD_PRESSURE = "rod_pressure"
@@ -46,18 +46,22 @@ ANGLE_UNIT = "rad"
 ANGLES = tuple(kind for kind, unit in UNIT.items() if unit == ANGLE_UNIT)
 # The chambers of a cylinder.
 SIDES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE)
-# What an inertial sensor on the base measures: its rate in the arm's plane (positive: nose up) and its specific force,
-# which is gravity's counterforce while it stands: 9.8 m/s^2 upwards.
+# An inertial sensor on the base measures its rate in the arm's plane (positive: nose up) and its specific force, which
+# is gravity's counterforce while it does not move: 9.8 m/s^2 upwards.
 INERTIAL = (Kind.PITCH_RATE, Kind.FORWARD_ACCELERATION, Kind.UPWARD_ACCELERATION)
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One measured quantity: accepted from `low` to `high` [SI], sent every `period_s`, with the sensor's
-    `standard_error` [SI].
+    """One measured quantity.
 
-    `index` is the number of the cylinder (pressures, force pin, cylinder length) or of the link (joint angle,
-    inclination) that it belongs to, from 0 at the house outwards; 0 for what belongs to the chassis.
+    name:           name in the machine file
+    kind:           measured quantity
+    index:          number of the cylinder (pressures, force pin, cylinder length) or of the link (joint angle,
+                    inclination), from 0 at the house outwards; 0 for a signal of the chassis
+    low, high:      range in which a value is accepted [SI]
+    period_s:       time between two values [s]
+    standard_error: of the sensor [SI]
     """
 
     name: str
@@ -70,5 +74,5 @@ class Signal:
 
     @property
     def unit(self) -> str:
-        """The SI unit of the values."""
+        """SI unit of the values."""
         return UNIT[self.kind]

@@ -1,5 +1,4 @@
-"""PDO layouts: which bytes carry which value. Sensor decoding, our own publication, EDS and DBC are all made from
-them."""
+"""PDO layouts: the bytes that carry each value. Sensor decoding, our publication, EDS and DBC are made from them."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,9 +19,16 @@ TYPE_NAMES |= {"I": "UNSIGNED32", "f": "REAL32"}
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One mapped object: SI value = raw * scale + offset. `signal` is the name of the signal or published value, None
-    for unused bytes. `index` and `sub` address the object; values outside `low`..`high` [SI] are neither accepted nor
-    published. `note`: bandwidth and delay of a published value, for its description."""
+    """One mapped object.
+
+    signal:        name of the signal or published value; None: unused bytes
+    index, sub:    address of the object
+    code:          `struct` code of its type
+    scale, offset: SI value = raw * scale + offset
+    unit:          SI unit
+    low, high:     range outside which a value is neither accepted nor published [SI]
+    note:          bandwidth and delay of a published value, for its description
+    """
 
     signal: str | None
     index: int
@@ -37,9 +43,16 @@ class Field:
 
 
 class Pdo(NamedTuple):
-    """A PDO: identifier on the bus, sender's node id, TPDO number (1..512), fields in byte order (little endian,
-    without gaps: unused bytes are fields too). `synchronous`: sent after each `sync`-th SYNC; else by an event timer
-    every `period_s`."""
+    """Layout of a PDO.
+
+    can_id:      identifier on the bus
+    node_id:     of the sender
+    number:      TPDO number, 1 to 512
+    synchronous: sent after each `sync`-th SYNC; else by an event timer
+    sync:        number of SYNCs from one to the next
+    period_s:    of the event timer [s]
+    fields:      in byte order, little endian, without gaps: unused bytes are fields too
+    """
 
     can_id: int
     node_id: int
@@ -57,8 +70,9 @@ class Pdo(NamedTuple):
 
 @cache
 def not_available(code: str) -> int | float:
-    """The raw value that means "no value" for a `struct` code: NaN, the most negative signed or the largest unsigned
-    integer."""
+    """Return the raw value that means "no value" for a `struct` code.
+
+    It is NaN, the most negative signed or the largest unsigned integer."""
     bits = 8 * CODES[code]
     if code == "f":
         return float("nan")

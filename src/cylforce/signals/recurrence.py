@@ -1,5 +1,7 @@
-"""Recurrences along samples, in which each value follows from the one before. Blocks of samples are followed beside one
-another: first what a whole block does to the value before it, then the values between."""
+"""Recurrences along samples, in which each value follows from the one before.
+
+Blocks of samples are processed beside one another. First the effect of each whole block on the value before it is
+computed, then the values within the blocks."""
 
 from math import isqrt
 
@@ -9,8 +11,9 @@ from cylforce.signals.estimate import Array
 
 
 def clipped(steps: Array, most: float) -> Array:
-    """z (T,) with z_k = z_(k-1) + steps_k, but within -most..most; from 0 on: the play operator. Steps after each other
-    are again a step between limits."""
+    """Return z (T,) with z_k = z_(k-1) + steps_k within -most..most, from 0 on: the play operator.
+
+    Several steps in a row are again one step between limits, so that a block is three numbers."""
     rows, last = _blocks(steps, 0.0), len(steps)
     step, low, high = np.zeros(rows.shape[1]), np.full(rows.shape[1], -np.inf), np.full(rows.shape[1], np.inf)
     for row in rows:
@@ -27,14 +30,14 @@ def clipped(steps: Array, most: float) -> Array:
 
 
 def _within(value: Array, step: Array, most: float) -> Array:
-    """One step of it, in place."""
+    """Apply one clipped step, in place."""
     value += step
     np.maximum(value, -most, out=value)
     return np.minimum(value, most, out=value)
 
 
 def followed(aims: Array, kept: Array) -> Array:
-    """z (T,) with z_k = aim_k + (z_(k-1) - aim_k) kept_k; from 0 on."""
+    """Return z (T,) with z_k = aim_k + (z_(k-1) - aim_k) kept_k, from 0 on."""
     keep, add, last = _blocks(kept, 1.0), _blocks(aims * (1.0 - kept), 0.0), len(aims)
     factor, offset = np.ones(keep.shape[1]), np.zeros(keep.shape[1])
     for row, more in zip(keep, add, strict=True):
@@ -53,7 +56,7 @@ def followed(aims: Array, kept: Array) -> Array:
 
 
 def _blocks(values: Array, rest: float) -> Array:
-    """(L, B): B blocks of L samples one after the other, as columns; the last one filled up with `rest`."""
+    """Return (L, B), B blocks of L samples one after the other, as columns; the last one is filled up with `rest`."""
     length = isqrt(len(values)) + 1
     count = -(-len(values) // length)
     whole = np.full(length * count, rest)

@@ -1,5 +1,7 @@
-"""Angles as sensors send them: a sensor of a whole circle goes on at the other end of its range, so that a reading
-stands for every angle that differs from it by whole turns."""
+"""Angles as sensors send them.
+
+A sensor of a whole circle continues at the other end of its range. Its reading therefore represents every angle that
+differs from it by whole turns."""
 
 from collections.abc import Sequence
 from math import floor, pi

@@ -16,8 +16,13 @@ POUND = 0.45359237  # kg, by definition (international yard and pound agreement,
 
 
 class MassUnit(NamedTuple):
-    """A unit in which people want to read masses: its `symbol`, its size in `kg`, decimals that are shown, and those of
-    single buckets on lists and tickets."""
+    """A unit in which masses are displayed.
+
+    symbol: of the unit
+    kg:     size of the unit [kg]
+    digits: decimals on a display
+    fine:   decimals of single buckets on lists and tickets
+    """
 
     symbol: str
     kg: float
@@ -25,11 +30,11 @@ class MassUnit(NamedTuple):
     fine: int
 
     def text(self, mass: float) -> str:
-        """A mass [kg] as a list or a ticket shows it, without the symbol."""
+        """Return a mass [kg] as a list or a ticket shows it, without the symbol."""
         return f"{mass / self.kg:.{self.fine}f}"
 
     def coarse(self, mass: float) -> str:
-        """A mass [kg] as a display shows it, without the symbol."""
+        """Return a mass [kg] as a display shows it, without the symbol."""
         return f"{mass / self.kg:.{self.digits}f}"
 
 
@@ -43,7 +48,7 @@ MASS_UNITS = {
 
 
 def mass_unit(name: str) -> MassUnit:
-    """The unit of a name. Raises ValueError with a sentence."""
+    """Return the unit with a name. Raises ValueError with a sentence."""
     if name not in MASS_UNITS:
         raise ValueError(f"--unit {name}: is no unit of mass: use {', '.join(MASS_UNITS)}")
     return MASS_UNITS[name]

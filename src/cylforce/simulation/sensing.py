@@ -64,8 +64,7 @@ class Record(NamedTuple):
 def sensors(machine: Machine, nodes: tuple[SensorNode, ...]) -> Sensors:
     """Return the sensors of a machine by the machine file.
 
-    Noise is the standard error, there is no zero error, the resolution is that of the PDOs, the lag is typical.
-    """
+    The noise is the standard error, the zero error is 0, the resolution is that of the PDOs, and the lag is typical."""
     fields = {f.signal: f for node in nodes for pdo in node.pdos for f in pdo.fields if f.code != "f"}
     steps = [(fields[s.name].scale, fields[s.name].offset) if s.name in fields else (0.0, 0.0) for s in machine.signals]
     quantum, origin = np.array(steps).reshape(-1, 2).T

@@ -1,6 +1,4 @@
-"""The events of a simulated run, sensor frames and ticks, as the daemon would receive them, without a bus or a
-clock.
-"""
+"""Events of a simulated run, sensor frames and ticks, as the daemon would receive them, without a bus or a clock."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -21,11 +19,11 @@ HEARTBEAT, OPERATIONAL = 0x700, 5  # identifier base and state byte of a heartbe
 
 
 class Window(NamedTuple):
-    """A part of the run. Its frames are sent after `begin` and not after its last instant.
+    """A part of the run. Its frames are sent after `begin`, up to its last instant.
 
-    t: (T,) instants, the last one of the part before included [s]
+    t:      (T,) instants, from the last one of the part before [s]
     analog: (T, S) sensor values before noise and resolution [SI]
-    begin: [s]
+    begin:  time after which its frames are sent [s]
     """
 
     t: Array

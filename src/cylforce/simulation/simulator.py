@@ -233,9 +233,8 @@ def standing(pitch: float, roll: float, turn: Array) -> Attitude:
 def base_values(links: tuple[Link, ...], carried: CarriedLoad) -> Array:
     """Return (J, X, Z, D_excess, E) of every link with the load (T, N, 5).
 
-    The load adds m l^2 to J and m l to X of all links but the last, and its own moments to the last link
-    (mechanics/README.md, sections 4 and 9).
-    """
+    The load adds m l^2 to J and m l to X of all links but the last. It adds its own moments to the last link
+    (mechanics/README.md, sections 4 and 9)."""
     n, mass, (x, z) = len(links), carried.mass, carried.centre.T
     lengths = np.array([link.length for link in links])[:-1]
     values = np.zeros((*mass.shape, n, 5))
@@ -253,8 +252,8 @@ def base_values(links: tuple[Link, ...], carried: CarriedLoad) -> Array:
 def rigid_torque(machine: Machine, value: Array, course: Kinematics, attitude: Attitude) -> Array:
     """Return tau = d/dt(momentum) @ value + static @ value (T, N) [N m].
 
-    The momentum depends on angles and rates only. Each instant's angles, rates and accelerations give a parabola in
-    time; finite differences along it give d/dt. `value` is not differentiated, because material is picked up and
+    The momentum depends on angles and rates only. The angles, rates and accelerations of each instant give a parabola
+    in time; finite differences along it give d/dt. `value` is not differentiated, because material is picked up and
     released at the bucket's own velocity.
 
     value: (T, N, 5) see `base_values`
@@ -335,11 +334,11 @@ def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -
 def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array, t: Array) -> tuple[Motion, Array]:
     """Return the motion with cylinder forces F, and the friction (T, C) [N] in them.
 
-    lever^T F = tau + torques of the effects and of the friction. Both may depend on the force, so that they are found
-    by iteration.
+    lever^T F = tau + torques of the effects and of the friction. Effects and friction may depend on the force, so that
+    F is found by iteration.
 
     tau: (T, N) torques that the motion needs [N m]
-    t: (T,) time from the start of the run [s]
+    t:   (T,) time from the start of the run [s]
     """
     inverse = np.linalg.pinv(np.swapaxes(moving.lever, -1, -2))
     frictionless = (inverse @ tau[..., None])[..., 0]

@@ -1,2 +1,2 @@
-"""The arithmetic of a step, in a restricted Python that is interpreted as it stands or compiled when a wheel is built.
-Work here on what a step costs."""
+"""The arithmetic of a step, in a restricted Python that is interpreted as it is, or compiled when a wheel is built.
+Work here on the cost of a step."""

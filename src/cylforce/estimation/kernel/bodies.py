@@ -21,8 +21,8 @@ MIDDLE: Count = 5
 
 @inner
 def set_links(p: KernelPlan, pitch: Number, turning: Number) -> None:
-    """Of every link: angle from the true horizontal `q`, its rate `qd`, direction `turn` in the house's axes and
-    `level` in true ones; of its inner pin place and velocity, `hinge`."""
+    """Compute the links' motion: `q`, `qd` (N,) angle from the true horizontal and its rate; `turn`, `level` (N, 2)
+    direction in the house's and in true axes; `hinge` (N, 4) place and velocity of the inner pin."""
     angle = 0.0
     rate = 0.0
     x, z, vx, vz = 0.0, 0.0, 0.0, 0.0
@@ -42,7 +42,7 @@ def set_links(p: KernelPlan, pitch: Number, turning: Number) -> None:
 
 @inner
 def ride(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> None:
-    """Rider `number` is the point x, z of a body."""
+    """Set rider `number` to the point x, z of a body."""
     w = p.riders
     o = number * (4 + 4 * p.n)
     if body == 0:
@@ -64,8 +64,10 @@ def ride(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> Non
 
 @inner
 def swing(p: KernelPlan, c: Count) -> Number:
-    """Riders END, the rocker's end, and EYE of four-bar number c, from PIN and LINK: the link keeps its length, so that
-    bar . base' = sine spin. Returns the transmission; -1 where the linkage cannot be closed."""
+    """Set riders END, the rocker's end, and EYE of four-bar number c, from PIN and LINK, and return the transmission.
+
+    The link keeps its length, so that bar . base' = sine spin. The transmission is -1 where the linkage cannot be
+    closed."""
     w = p.riders
     size, n = 4 + 4 * p.n, p.n
     pin, link, end = PIN * size, LINK * size, END * size
@@ -105,7 +107,8 @@ def swing(p: KernelPlan, c: Count) -> Number:
 
 @inner
 def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Number) -> None:
-    """How the rocker's spin by each joint's angle changes with time, and with it the derivatives of END's place."""
+    """Compute the time derivative of the rocker's spin by each joint's angle, and from it those of the derivatives of
+    END's place."""
     w = p.riders
     size, n = 4 + 4 * p.n, p.n
     pin, link, end = PIN * size, LINK * size, END * size
@@ -126,7 +129,7 @@ def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Num
 
 @inner
 def between(p: KernelPlan, x: Number, z: Number) -> None:
-    """Rider EYE at x + i z times the vector from PIN to END."""
+    """Set rider EYE to x + i z times the vector from PIN to END."""
     w = p.riders
     size = 4 + 4 * p.n
     pin, end, eye = PIN * size, END * size, EYE * size
@@ -137,8 +140,10 @@ def between(p: KernelPlan, x: Number, z: Number) -> None:
 
 @inner
 def stretch(p: KernelPlan, c: Count) -> Count:
-    """Riders FOOT and EYE (four-bars also PIN and END) of cylinder c, its lever and speed, both zero where its force
-    cannot be believed: at a dead point or an end stop. Returns whether the linkage is closed."""
+    """Set riders FOOT and EYE (four-bars also PIN and END) of cylinder c, its lever and speed, and return whether the
+    linkage is closed.
+
+    Lever and speed are zero where the force is not used: at a dead point or an end stop."""
     w = p.riders
     foot, eye, o = FOOT, EYE * (4 + 4 * p.n), 6 * c
     ride(p, FOOT, p.bodies[3 * c], p.pins[o], p.pins[o + 1])
@@ -173,7 +178,7 @@ def stretch(p: KernelPlan, c: Count) -> Count:
 
 @inner
 def follow_line(p: KernelPlan, distance: Number) -> None:
-    """Rider MIDDLE: the point on the line from FOOT to EYE, at a fixed distance [m] from the foot."""
+    """Set rider MIDDLE to the point on the line from FOOT to EYE, at a fixed distance [m] from the foot."""
     w = p.riders
     size, n = 4 + 4 * p.n, p.n
     foot, eye, middle = FOOT * size, EYE * size, MIDDLE * size

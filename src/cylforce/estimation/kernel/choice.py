@@ -1,5 +1,4 @@
-"""Which form of the kernel runs: the compiled one where there is one of this text and for this processor, else the
-interpreted one."""
+"""Choice of the kernel's form: compiled if it was compiled from this source for this processor, else interpreted."""
 
 from functools import cache
 from importlib import import_module
@@ -87,8 +86,11 @@ INTERPRETED: Any = SimpleNamespace(
 
 
 class Choice(NamedTuple):
-    """The `kernel` that runs, and why the compiled one was refused, in a sentence; empty where it runs, or where there
-    is none."""
+    """The kernel in use.
+
+    kernel:  compiled or interpreted
+    refused: sentence why the compiled one was refused; empty: it runs, or there is none
+    """
 
     kernel: Kernel
     refused: str = ""
@@ -96,7 +98,8 @@ class Choice(NamedTuple):
 
 @cache
 def choice() -> Choice:
-    """The choice, made once. Source and compiled form are read as Python itself reads them when it imports."""
+    """Return the choice, which is made once. Source and compiled form are read as Python itself reads them when it
+    imports."""
     here = files(__package__)
     built = [entry.name for entry in here.iterdir() if entry.name.startswith(f"{COMPILED}.")]
     if not built:
@@ -110,7 +113,10 @@ def choice() -> Choice:
 
 
 def judged(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
-    """The compiled kernel, if it was compiled from this `text` (its checksum)."""
+    """Return the compiled kernel if it was compiled from this source, otherwise the interpreted one.
+
+    text: checksum of the source
+    """
     if getattr(compiled, "TEXT", None) == text:
         return Choice(compiled)
     why = "it was compiled from another version of its source"
@@ -118,5 +124,5 @@ def judged(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled mod
 
 
 def chosen() -> Kernel:
-    """The kernel that runs."""
+    """Return the kernel in use."""
     return choice().kernel

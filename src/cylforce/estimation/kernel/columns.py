@@ -7,7 +7,7 @@ from cylforce.estimation.kernel.bodies import END, FOOT, MIDDLE, PIN, follow_lin
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 
-COULOMB: Count = 0  # the force laws, each once a cylinder
+COULOMB: Count = 0  # the force laws, one column for each cylinder
 VISCOUS: Count = 1
 LOAD: Count = 2
 DIRECTIONAL: Count = 3
@@ -19,16 +19,18 @@ AT_REST: Count = 7
 
 @inner
 def put(p: KernelPlan, table: Numbers, joint: Count, column: Count, value: Number) -> None:
-    """A value into a (R, K) table, where that joint's torque is measured."""
+    """Write a value to a (R, K) table, where that joint's torque is measured."""
     if p.row[joint] >= 0:
         table[p.row[joint] * p.k + column] = value
 
 
 @inner
 def rigid(p: KernelPlan, g: Number, h: Number) -> None:
-    """`Rigid`, g + i h the specific force: for c = X + i Z of link k, in joint j, Re(c conj(.)) of
-    own_k + sum l_i exp(i (q_k - q_i)) qd_k and of (g + i h) exp(i q_k) - i qd_k own_k + sum i qd_i l_i exp(...) qd_k,
-    sums over i = j ... k-1, own_k = sum_{i<k} l_i exp(i (q_k - q_i)) qd_i."""
+    """Compute the columns of `Rigid`, with g + i h the specific force.
+
+    For c = X + i Z of link k, in joint j, they are Re(c conj(.)) of own_k + sum l_i exp(i (q_k - q_i)) qd_k (momentum)
+    and of (g + i h) exp(i q_k) - i qd_k own_k + sum i qd_i l_i exp(...) qd_k (static). The sums run over i = j ... k-1,
+    and own_k = sum_{i<k} l_i exp(i (q_k - q_i)) qd_i."""
     level, lengths, qd, momentum, static = p.level, p.lengths, p.qd, p.momentum, p.static
     for k in range(p.n):
         t, u, rate = level[2 * k], level[2 * k + 1], qd[k]
@@ -53,8 +55,10 @@ def rigid(p: KernelPlan, g: Number, h: Number) -> None:
 
 @inner
 def slewed(p: KernelPlan, square: Number) -> None:
-    """`Slew`, added to `rigid`'s columns: Omega^2 times, of link k in joint j <= k, -i rho_k e_k + sum_{j<=i<k} l_i
-    sin a_i e_k for c, and sin 2a_k / 2, cos 2a_k for D and E."""
+    """Compute the columns of `Slew`, added to `rigid`'s.
+
+    They are Omega^2 times, of link k in joint j <= k: -i rho_k e_k + sum_{j<=i<k} l_i sin a_i e_k for c, and sin 2a_k /
+    2, cos 2a_k for D and E."""
     rho = p.axis
     for k in range(p.n):
         t, u = p.turn[2 * k], p.turn[2 * k + 1]
@@ -75,7 +79,7 @@ def slewed(p: KernelPlan, square: Number) -> None:
 
 @inner
 def tip(p: KernelPlan) -> None:
-    """`TipForce`: the vector from each joint to the tool, x and -z across."""
+    """Compute the columns of `TipForce`: the vector from each joint to the tool, x and -z across."""
     x, z = 0.0, 0.0
     for j in range(p.n - 1, -1, -1):
         t, u = p.level[2 * j], p.level[2 * j + 1]
@@ -88,8 +92,10 @@ def tip(p: KernelPlan) -> None:
 
 @inner
 def weigh(p: KernelPlan, column: Count, near: Count, far: Count, size: Number, up_x: Number, up_z: Number) -> None:
-    """`RockerWeight` and `CylinderWeight`: a mass of 1/size at rider `far` less the same at rider `near`, with
-    p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j (`riders.of_mass`); Omega^2 stands in `turning`."""
+    """Compute the columns of `RockerWeight` and `CylinderWeight`: a mass of 1/size at rider `far` less the same at
+    rider `near`.
+
+    p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j (`riders.of_mass`); Omega^2 is in `turning`."""
     w = p.riders
     length, n, turning = 4 + 4 * p.n, p.n, p.torque[p.r]
     a, b = near * length, far * length
@@ -110,7 +116,7 @@ def weigh(p: KernelPlan, column: Count, near: Count, far: Count, size: Number, u
 
 @inner
 def without_weight(p: KernelPlan, column: Count) -> None:
-    """The same where a linkage cannot be closed."""
+    """Set the columns of a weight to zero, where a linkage cannot be closed."""
     for j in range(p.n):
         put(p, p.momentum, j, column, 0.0)
         put(p, p.static, j, column, 0.0)
@@ -118,7 +124,7 @@ def without_weight(p: KernelPlan, column: Count) -> None:
 
 @inner
 def cylinders(p: KernelPlan, up_x: Number, up_z: Number) -> None:
-    """Lever and speed of all cylinders, with the columns of their weight and of the bars."""
+    """Compute lever and speed of all cylinders, with the columns of their weight and of the bars."""
     for c in range(p.c):
         closed = stretch(p, c)
         if p.rocker[c] >= 0 and closed:
@@ -134,8 +140,10 @@ def cylinders(p: KernelPlan, up_x: Number, up_z: Number) -> None:
 
 @inner
 def law(kind: Count, a: Number, b: Number, speed: Number, force: Number, rate: Number) -> Number:
-    """The force of a law at speed v, force F and its rate: `CoulombFriction`, `ViscousFriction`,
-    `LoadDependentFriction`, `AsymmetricFriction`, `Stribeck`, `Delay`, `PressureZero`, `AtRest`."""
+    """Return the force of a law at speed v, force F and its rate.
+
+    The laws are `CoulombFriction`, `ViscousFriction`, `LoadDependentFriction`, `AsymmetricFriction`, `Stribeck`,
+    `Delay`, `PressureZero` and `AtRest`."""
     found = 1.0
     if kind == VISCOUS:
         found = speed
@@ -156,7 +164,8 @@ def law(kind: Count, a: Number, b: Number, speed: Number, force: Number, rate: N
 
 @inner
 def forces(p: KernelPlan) -> None:
-    """`Friction`, `AtRest`, `Delay` and `PressureZero`: the law's force times the lever; and the measured torques."""
+    """Compute the columns of `Friction`, `AtRest`, `Delay` and `PressureZero`, the law's force times the lever; and the
+    measured torques."""
     static, levers, lever, pushes = p.static, p.levers, p.lever, p.pushes
     for i in range(p.law_size):
         kind, first = p.laws[2 * i], p.laws[2 * i + 1]
@@ -174,7 +183,7 @@ def forces(p: KernelPlan) -> None:
 
 @inner
 def columns(p: KernelPlan) -> None:
-    """All columns, levers, speeds and torques from the channels `middle` and their rates (`Channels.moved`)."""
+    """Compute all columns, levers, speeds and torques from the channels `middle` and their rates (`Channels.moved`)."""
     pitch, roll = p.middle[p.d - 3], p.middle[p.d - 2]
     slew = p.middle[p.d - 1] if p.rate_slew else p.rate[p.d - 1]
     g, h, turning = p.gravity * cos(roll), 0.0, 0.0

@@ -1,5 +1,5 @@
 """Constants of one machine for the adaptation of friction and pressure zeros: columns, limits, priors, and room for
-its intermediate results."""
+intermediate results."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,22 +12,22 @@ DRIFT: Count = 5  # place of the first drift, after the usual amount
 
 @record
 class KernelDrift:
-    """R rows of K columns, N = 5 + D unknowns: by how much the load of this return deviates from the usual one (4), the
-    usual amount, the drift (D).
+    """Constants of R rows of K columns with N = 5 + D unknowns: deviation of this return's load from the usual one (4),
+    the usual amount, the drift (D).
 
-    rests, coulombs, loads: how many columns follow of each kind
+    rests, coulombs, loads: numbers of columns of each kind below
     certain, keep, memory, prior, shown: limits of `service.adaptation`
-    mean:       usual amount before anything is seen, in its standard errors
-    changing:   (D,) columns of the drift
-    kinds:      (D,) 0 friction, 1 zero
-    load_at:    (M, 2) parameter and component of a load
+    mean:             prior mean of the usual amount, in its standard errors
+    changing:         (D,) columns of the drift
+    kinds:            (D,) 0 friction, 1 zero
+    load_at:          (M, 2) parameter and component of a load
     at_rest, coulomb: columns of friction at rest, and of Coulomb friction
-    load:       (M,) share of that parameter in that component
-    unit:       (N,) standard errors before anything is seen
-    low, high:  (D,) limits of the drift
-    row_error:  (R,) standard error of each row [N m]
-    alike:      (D, D) inverse of the correlation of the drifts before anything is seen, none between kinds
-    usual:      (4,) load of one kilogram of the usual amount
+    load:             (M,) share of that parameter in that component
+    unit:             (N,) prior standard errors
+    low, high:        (D,) limits of the drift
+    row_error:        (R,) standard error of each row [N m]
+    alike:            (D, D) inverse of the prior correlation of the drifts, none between kinds
+    usual:            (4,) load of one kilogram of the usual amount
     good, rows, basis, each, square, inverse: room for intermediate results
     """
 

@@ -1,4 +1,4 @@
-"""The drift of friction and pressure zeros after one instant with an empty bucket: `service.adaptation`, with
+"""Drift of friction and pressure zeros after one instant with an empty bucket: `service.adaptation`, with
 `recursive.forget` and `recursive.update`, in plain numbers."""
 
 from math import sqrt
@@ -11,8 +11,11 @@ FORGETTING: Number = 1e-6  # times the largest: directions below it are not forg
 
 
 def certain(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
-    """How many of the rows, columns (R, K), that are `usable` (R,) tell something of the drift: the direction of
-    friction is known."""
+    """Return the number of usable rows with a known direction of friction, and list them in `good`.
+
+    columns: (R, K) of the rows
+    usable:  (R,) rows that can be used
+    """
     number = 0
     for r in range(a.r):
         o, unknown, lever = r * a.k, 0.0, 0.0
@@ -39,10 +42,16 @@ def follow(
     mass: Number,
     new: Numbers,
 ) -> None:
-    """With the `number` rows that `certain` found, what the drift so far has `left` of them (`weighed.explain`), what
-    the variance is `wider` by (R,): of the information `factor`
-    (N, N) and `right` (N,), the drift `values` (D,), `scale` (2,) and `mass` [kg]: `new`: these after it, with the
-    covariance (D, D) of the drift before `scale`."""
+    """Compute the drift after the `number` rows that `certain` found.
+
+    left:          their residual with the drift so far (`weighed.explain`)
+    wider:         (R,) added to the variance of each row
+    factor, right: (N, N) and (N,) information so far
+    values:        (D,) drift so far
+    scale:         (2,) variance of frictions and of zeros, in units of the prior's
+    mass:          that the empty bucket would show without the adaptation [kg]
+    new:           factor, right, values, covariance (D, D), scale and mass after these rows
+    """
     n, d = a.n, a.n - DRIFT
     for m in range(number):
         listed_row(a, columns, a.good[m], m)
@@ -69,7 +78,7 @@ def follow(
 
 @inner
 def listed_row(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None:
-    """Row r as row m of [deviation of the load | usual amount | drift]."""
+    """Write row r as row m of [deviation of the load | usual amount | drift]."""
     for i in range(4):
         a.rows[m * a.n + i] = 0.0
     for i in range(a.loads):
@@ -84,8 +93,9 @@ def listed_row(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None:
 
 @inner
 def lose(a: KernelDrift, number: Count) -> None:
-    """`recursive.forget`: R in `square`, its right side in `inverse`; the basis by Gram and Schmidt, the longest vector
-    first, each made orthogonal twice."""
+    """Forget information as `recursive.forget`: R in `square`, its right side in `inverse`.
+
+    The basis is found by Gram and Schmidt, the longest vector first, each made orthogonal twice."""
     n, x, first = a.n, a.basis, 0.0
     for m in range(number):
         for i in range(n):
@@ -112,7 +122,7 @@ def lose(a: KernelDrift, number: Count) -> None:
 
 @inner
 def longest_of(a: KernelDrift, begin: Count, end: Count) -> Count:
-    """The longest of these vectors."""
+    """Return the number of the longest of these vectors."""
     found, most = begin, -1.0
     for m in range(begin, end):
         size = 0.0
@@ -135,7 +145,7 @@ def across(a: KernelDrift, one: Count, other: Count) -> None:
 
 @inner
 def less_along(a: KernelDrift, m: Count) -> None:
-    """R <- (I - (1 - sqrt(keep)) q q') R, q vector m of the basis; the same of the right side."""
+    """Compute R <- (I - (1 - sqrt(keep)) q q') R, q vector m of the basis; the same of the right side."""
     n, share = a.n, 1.0 - sqrt(a.keep)
     for j in range(n + 1):
         along = 0.0
@@ -150,8 +160,7 @@ def less_along(a: KernelDrift, m: Count) -> None:
 
 @inner
 def rotate_row(a: KernelDrift, new: Numbers, observed: Number) -> None:
-    """The triangle and right side that begin `new` with one more row, `each` (N,) with `observed`, by Givens'
-    rotations."""
+    """Update the triangle and right side that begin `new` with a row `each` (N,), `observed`, by Givens' rotations."""
     n, x = a.n, a.each
     for i in range(n):
         b = x[i]
@@ -168,7 +177,7 @@ def rotate_row(a: KernelDrift, new: Numbers, observed: Number) -> None:
 
 @inner
 def estimate(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
-    """Drift within its limits, covariance and scale from the information and the prior, (R'R + prior)^-1 R'z."""
+    """Compute drift within its limits, covariance and scale from information and prior, (R'R + prior)^-1 R'z."""
     n, d, place = a.n, a.n - DRIFT, a.n * a.n + a.n
     inform(a, scale, new)
     invert(a.square, n, a.inverse, 0)
@@ -193,8 +202,9 @@ def estimate(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
 
 @inner
 def inform(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
-    """The lower triangle of the information with the priors of the usual amount and of the drift, which are not
-    forgotten, in units of `unit`, in `square`."""
+    """Compute the lower triangle of the information, in units of `unit`, in `square`.
+
+    The priors of the usual amount and of the drift, which are not forgotten, are added."""
     n = a.n
     for i in range(n):
         for j in range(i + 1):
@@ -209,7 +219,7 @@ def inform(a: KernelDrift, scale: Numbers, new: Numbers) -> None:
 
 @inner
 def rescale(a: KernelDrift, new: Numbers, to: Count) -> None:
-    """The spread of this machine's frictions and zeros, in units of the prior's."""
+    """Compute the spread of this machine's frictions and zeros, in units of the prior's."""
     n, d = a.n, a.n - DRIFT
     for kind in range(2):
         total, count = a.prior, a.prior
@@ -223,7 +233,7 @@ def rescale(a: KernelDrift, new: Numbers, to: Count) -> None:
 
 @inner
 def limit(a: KernelDrift, new: Numbers) -> None:
-    """The drift within its limits; where that changes it, the information is about that one."""
+    """Limit the drift. Where that changes it, the information is changed to give the limited drift."""
     n, place, outside = a.n, a.n * a.n + a.n, 0
     for i in range(n - DRIFT):
         x = min(max(a.basis[DRIFT + i], a.low[i]), a.high[i])
@@ -240,7 +250,7 @@ def limit(a: KernelDrift, new: Numbers) -> None:
 
 @inner
 def smoothed(a: KernelDrift, columns: Numbers, mass: Number, new: Numbers) -> Number:
-    """Mass [kg] of the load that would explain the torque of the drift, smoothed over updates."""
+    """Return the mass [kg] of the load that would explain the torque of the drift, smoothed over updates."""
     n, square, product = a.n, 0.0, 0.0
     for r in range(a.r):
         listed_row(a, columns, r, 0)

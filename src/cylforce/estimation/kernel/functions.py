@@ -1,5 +1,5 @@
-"""The functions of the kernel by their types: one protocol for the compiled and the interpreted form. What each
-function does stands in the file that is named above it."""
+"""Types of the kernel's functions: one protocol for the compiled and the interpreted form. Each function is documented
+in the file that is named above it."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -13,7 +13,7 @@ from cylforce.estimation.kernel.restricted import Counts, Numbers
 from cylforce.estimation.kernel.solver import KernelSolver as Solver
 from cylforce.signals.estimate import Array
 
-Flat = Numbers | Array  # what is written by the kernel is Python's own array, what is only read may be NumPy's
+Flat = Numbers | Array  # Python's array where the kernel writes, NumPy's allowed where it only reads
 
 
 class Kernel(Protocol):

@@ -1,4 +1,4 @@
-"""What pressures say by themselves: `service.plausibility.pressure_groups` and the first look of `pressure_leap`, in
+"""Tests of pressures by themselves: `service.plausibility.pressure_groups` and the first test of `pressure_leap`, in
 plain numbers. Tables of groups are (G, P), of P pressures."""
 
 from math import log
@@ -6,19 +6,24 @@ from math import log
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
 
 GROUP: Count = 25  # steps of which the mean is taken, 0.25 s at 100 Hz: shorter than a stroke, longer than noise
-GROUPS: Count = 16  # of motion of the cylinder that are compared
-EACH_WAY: Count = 4  # of them at least in either direction
+GROUPS: Count = 16  # groups, in motion of the cylinder, that are compared
+EACH_WAY: Count = 4  # smallest number of them in either direction
 TINY: Number = 1.0  # Pa^2: noise is not less than a pascal
-NOISES: Count = 64  # groups whose noise is remembered, 16 s of motion
-LATEST: Count = 8  # of them, 2 s, in which it may be gone already
-KNOWN: Count = 24  # groups before them that must be known; chosen
-SECOND: Number = 6.0  # times the variance of white noise is that of its second differences
-CODES: Count = 2  # readings of no more values show the sensor's digits, not its noise
+NOISES: Count = 64  # groups whose noise is stored, 16 s of motion
+LATEST: Count = 8  # last ones of them, 2 s, in which the noise may be gone already
+KNOWN: Count = 24  # groups before them whose noise must be known; chosen
+SECOND: Number = 6.0  # variance of second differences over that of white noise: 1 + 4 + 1
+CODES: Count = 2  # readings with no more different values than this show the sensor's resolution, not its noise
 
 
 def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Count:
-    """Whether one of the pressures `readings` (T, P) changes with the reading number `before` by more than its gate
-    (P,), and by as much more than with those around it."""
+    """Return whether one of the pressures changes with the reading number `before` by more than its gate.
+
+    Its change must also exceed by the gate the change of the readings around it.
+
+    readings: (T, P)
+    gates:    (P,)
+    """
     o = before * p
     for i in range(p):
         by = readings[o + i] - readings[o - p + i]
@@ -45,12 +50,20 @@ def sure_leaps(
     parts: Numbers,
     misfit: Numbers,
 ) -> Count:
-    """Whether a leap in `readings` (T, P), of which so many are `before` it, can exceed the `least` log likelihood
-    ratio: 1, a pressure's step by what `curves` (T, bends + 1), of which the last is a step, leave, if the noise before
-    was no more than the sensors' `noise` (P,); 2, an exchange of `pairs` (X, most, 2), -1: no more; 3, either; else 0.
-    `misfit` (2, P): minus the log likelihood [nats] of what the curves leave without and with the step, of a variance
-    of its own, but at least the noise, with so many degrees of freedom (`free`, and `known` of the noise before).
-    `parts` (P, 2, bends + 2): room."""
+    """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by an exchange, 3 either,
+    0 none.
+
+    The step of a pressure is tested in the residual of `curves`, if the noise before was no more than the sensors'.
+
+    readings:    (T, P), T = `size`, of which `before` are before the step
+    curves:      (T, bends + 1), of which the last is a step
+    noise:       (P,) of the sensors
+    free, known: degrees of freedom of the variance, and of the noise before
+    pairs:       (exchanges, most, 2) pressures that are exchanged; -1: no more
+    parts:       (P, 2, bends + 2) room for results
+    misfit:      (2, P) result: minus the log likelihood [nats] of the residual without and with the step, of a variance
+                 of its own, but at least the noise
+    """
     sure, o = 0, bends
     for i in range(p):
         for half in range(2):
@@ -79,8 +92,13 @@ def sure_leaps(
 def project(
     p: Count, x: Numbers, begin: Count, end: Count, i: Count, curves: Numbers, number: Count, parts: Numbers
 ) -> None:
-    """What readings of one pressure, from `begin` on, have along a `number` of `curves` (T, number), and the sum of
-    their squares: the first or the second half of `parts` (P, 2, number + 1)."""
+    """Compute the products of a pressure's readings with each of a `number` of `curves` (T, number), and their sum of
+    squares.
+
+    x:     (T, P) readings, of which those from `begin` up to `end` are used
+    i:     number of the pressure
+    parts: (P, 2, number + 1) results, in its first or second half
+    """
     o = (2 * i + (1 if begin > 0 else 0)) * (number + 1)
     for k in range(number + 1):
         total = 0.0
@@ -91,7 +109,8 @@ def project(
 
 @inner
 def crossed(parts: Numbers, bends: Count, a: Count, b: Count) -> Number:
-    """What the curves through the first readings of one pressure and the last ones of another leave, in squares."""
+    """Return the sum of squares of the residual of the curves through the first readings of one pressure and the last
+    ones of another."""
     first, last = 2 * a * (bends + 2), (2 * b + 1) * (bends + 2)
     left = parts[first + bends + 1] + parts[last + bends + 1]
     for k in range(bends):
@@ -102,14 +121,23 @@ def crossed(parts: Numbers, bends: Count, a: Count, b: Count) -> Number:
 
 @inner
 def unlikely(left: Number, noise: Number, free: Number, known: Number) -> Number:
-    """Minus the log likelihood [nats] of what is left, in squares, of a variance of its own, but at least the `noise`;
-    with `known` degrees of freedom of the noise before: Student's."""
+    """Return minus the log likelihood [nats] of a residual of a variance of its own, but at least the `noise`
+    (Student's t).
+
+    left:        sum of squares of the residual
+    free, known: degrees of freedom of the variance, and of the noise before
+    """
     return 0.5 * (free + known) * log(max((known + left / noise) / (known + free), 1.0))
 
 
 def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
-    """Mean, variance, way and white noise (4, G, P) of the `groups` with that of the `readings` (T, P) from `begin` on,
-    of each pressure whose cylinder moves, `way` (P,)."""
+    """Add a group of readings to the `groups`, for each pressure whose cylinder moves.
+
+    readings: (T, P), of which GROUP from `begin` on are used
+    way:      (P,) movement of each cylinder
+    moves:    movement above which it counts
+    groups:   (4, G, P) mean, variance, way and white noise
+    """
     size = GROUPS * p
     for i in range(p):
         if abs(way[i]) > moves:
@@ -125,7 +153,7 @@ def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number
 
 @inner
 def mean_of(x: Numbers, begin: Count, step: Count, size: Count) -> Number:
-    """Mean of every `step`th number."""
+    """Return the mean of every `step`th number."""
     total = 0.0
     for k in range(size):
         total += x[begin + k * step]
@@ -134,7 +162,7 @@ def mean_of(x: Numbers, begin: Count, step: Count, size: Count) -> Number:
 
 @inner
 def squares_of(x: Numbers, begin: Count, step: Count, size: Count, middle: Number) -> Number:
-    """Sum of their squares about the middle."""
+    """Return the sum of squares of every `step`th number about the middle."""
     total = 0.0
     for k in range(size):
         total += (x[begin + k * step] - middle) * (x[begin + k * step] - middle)
@@ -143,7 +171,7 @@ def squares_of(x: Numbers, begin: Count, step: Count, size: Count, middle: Numbe
 
 @inner
 def in_order(x: Numbers, begin: Count, step: Count, size: Count, above: Number, place: Count, work: Numbers) -> Number:
-    """The number with that place, from 0 on, in the order of those that are larger than `above`."""
+    """Return the number at a `place`, from 0 on, in ascending order of those that are larger than `above`."""
     many = 0
     for k in range(size):
         each = x[begin + k * step]
@@ -159,8 +187,14 @@ def in_order(x: Numbers, begin: Count, step: Count, size: Count, above: Number, 
 
 
 def compare(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
-    """Of each pressure with enough groups either way: variance (P,) of the groups' means over that expected from the
-    noise within them, else -1; and that noise over its white part (P,). How many these are. `work`: GROUPS numbers."""
+    """Compare the variance between groups with the noise, and return the number of pressures with enough groups either
+    way.
+
+    groups: (4, G, P) see `group`
+    work:   GROUPS numbers, room for results
+    ratios: (2, P) variance of the groups' means over that expected from the noise within them, -1: too few groups; that
+            noise over its white part
+    """
     size, number = GROUPS * p, 0
     for i in range(p):
         forwards, backwards = 0, 0
@@ -193,10 +227,16 @@ def listen(
     work: Numbers,
     state: Numbers,
 ) -> None:
-    """Noise of pressures, after a group of `size` readings (T, P), of those that `moved` (P,): the `state` is the noise
-    that is known (NOISES, P), 0: not yet, and in how many groups it has been gone (P,). `groups` (2, G, P): means and
-    variances of a `number` of groups, with this one; `stated` (P,): variances of the sensors, more than which is none
-    of theirs; `quiet`: the `limits` of `pressure_groups.QUIET`. What is heard while noise is gone is not remembered."""
+    """Update the noise of pressures that `moved` (P,) with a group of readings. Noise measured while it is gone is not
+    stored.
+
+    readings: (T, P), T = `size`
+    groups:   (2, G, P) means and variances of a `number` of groups, including this one
+    stated:   (P,) variances of the sensors, the largest that counts as their noise
+    tenth:    first decile of the noise of groups, as a share of the white noise
+    quiet:    the `limits` of `pressure_groups.QUIET`
+    state:    (NOISES, P) known noise, 0: not yet; (P,) number of groups in which it has been gone
+    """
     for i in range(p):
         if moved[i] != 0.0:
             noise, since = second_differences(p, readings, 0, size, i), NOISES * p + i
@@ -213,7 +253,7 @@ def listen(
 
 @inner
 def second_differences(p: Count, x: Numbers, begin: Count, size: Count, i: Count) -> Number:
-    """Variance of white noise in readings from `begin` on, by second differences."""
+    """Return the variance of white noise in readings from `begin` on, by second differences."""
     total = 0.0
     for k in range(begin, begin + size - 2):
         a, b, c = x[k * p + i], x[(k + 1) * p + i], x[(k + 2) * p + i]
@@ -223,7 +263,7 @@ def second_differences(p: Count, x: Numbers, begin: Count, size: Count, i: Count
 
 @inner
 def digits(p: Count, x: Numbers, size: Count, i: Count) -> Count:
-    """How many values there are among the readings."""
+    """Return the number of different values among the readings."""
     found = 0
     for k in range(size):
         new = 1
@@ -248,8 +288,7 @@ def less_than_known(
     work: Numbers,
     state: Numbers,
 ) -> Count:
-    """Whether the last groups vary less than by the noise that is known of the time before them: all readings of the
-    last 1, 2, ... groups."""
+    """Return whether the last 1, 2, ... groups vary less than by the noise that is known of the time before them."""
     many, count = 0, NOISES - LATEST
     for k in range(count):
         many += state[k * p + i] > 0.0

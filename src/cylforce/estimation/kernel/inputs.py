@@ -1,12 +1,16 @@
-"""What sensors send, as `service.assembler` and `service.senders.supervision` judge it: the values of a frame when it
-comes, and at a tick which of them are usable. And what we send of our values (`service.publication`).
+"""Judgement of received values, as in `service.assembler` and `service.senders.supervision`: each value of a frame when
+it is received, and at a tick which of them are usable. Also the integers of published values (`service.publication`).
 
-The state is one array: of each of S signals (S, 11) value, time of the last accepted and of the last value [us],
-reason, good, equal and implausible values in a row, leap, last implausible value, leaps believed, time after which the
-last value was measured [us] (see `Channel`); of each of P PDOs (P, 3) time [us], excess, time of a second producer [us]
-(see `PdoRate`); of each of M nodes (M, 3) time of its heartbeat [us], state, whether it told that it booted; frames
-with an unknown identifier, too short, too long; time of the last one that was too long, and of the last frame of
-somebody else with our identifiers [us]. `layout.InputLayout` and `service.senders.channels` give them names."""
+The state is one array:
+signals (S, 11): value, time of the last accepted and of the last value [us], reason, good, equal and implausible values
+                 in a row, step, last implausible value, accepted steps, time after which the last value was measured
+                 [us] (see `Channel`)
+PDOs (P, 3):     time [us], excess, time of a second producer [us] (see `PdoRate`)
+nodes (M, 3):    time of the heartbeat [us], state, whether a boot-up was received
+counters (5):    frames with an unknown identifier, too short, too long; time of the last one that was too long, and of
+                 the last frame of another node with our identifiers [us]
+
+`layout.InputLayout` and `service.senders.channels` name these places."""
 
 from math import floor
 from typing import Any
@@ -26,13 +30,13 @@ from cylforce.estimation.kernel.restricted import (
 
 SIGNAL: Count = 11  # numbers of a signal
 SENDER: Count = 3  # numbers of a PDO, or of a node
-NEVER: Number = -4611686018427387904.0  # us, stands for a time before all others
+NEVER: Number = -4611686018427387904.0  # us, a time before all others
 LARGEST: Number = 1.7976931348623157e308
 JUMPS_BELIEVED: Number = 100.0  # implausible values in a row after which the new level is accepted as real; chosen
 # A frame may be early by up to a period, and CAN itself may deliver one frame twice (error in the last bit of its end):
-# what is beyond these two was sent by somebody else
+# any excess above these two was sent by another node
 EXCESS: Number = 2.0
-FORGOTTEN: Number = 0.9  # share of what a producer owes that is left after each regular frame: gone in 0.2 s; chosen
+FORGOTTEN: Number = 0.9  # factor on a producer's allowance with each regular frame: gone in 0.2 s; chosen
 OPERATIONAL: Number = 5.0
 GOOD: Number = 0.0  # reasons by their numbers, see `signals.estimate.Reason`
 STALE: Number = 3.0
@@ -47,11 +51,29 @@ TWO_PRODUCERS: Number = 30.0
 
 @record
 class KernelInputs:
-    """S signals in P PDOs. PDO i has `items`[i], and the slots `first`[i] up to `first`[i + 1]: signal and item; scale,
-    offset, range [SI], and what means "no value" (NaN: nothing does); the PDO's node, shortest period and patience
-    [us]. Of each signal the fastest change [SI/s], period [s], noise [SI], age from which on it is late [us], whether
-    equal values mean that it is frozen; `turn`: after how much its values repeat [SI], 0: never; `around` of a slot:
-    the same, 0 but for joints. `hold`, `quiet` [us]; `frozen`, `needed`: numbers of values."""
+    """Constants of S signals in P PDOs. PDO i has `items`[i] items, and the slots `first`[i] up to `first`[i + 1].
+
+    first:         (P + 1,) first slot of each PDO
+    signal, item:  signal of each slot, and its place among the PDO's items
+    noisy:         (S,) whether equal values mean that the signal is frozen
+    node:          (P,) node of each PDO
+    items:         (P,) number of items
+    scale, offset: of each slot, value = raw scale + offset [SI]
+    low, high:     range of each slot [SI]
+    missing:       raw value of each slot that means "no value"; NaN: none
+    period:        (P,) shortest period of each PDO [us]
+    patience:      (P,) time without a heartbeat after which the PDO's node is lost [us]; 0: not monitored
+    fastest:       (S,) fastest change of each signal [SI/s]
+    seconds:       (S,) period of each signal [s]
+    noise:         (S,) noise of each signal [SI]
+    late:          (S,) age above which each signal is late [us]
+    turn:          (S,) change after which its values repeat [SI]; 0: never
+    around:        of each slot as `turn`, but 0 except for joints
+    hold:          time for which a last value is used [us]
+    quiet:         time since the last sign of a second producer after which it is gone [us]
+    frozen:        equal values in a row at which a signal is frozen
+    needed:        good values in a row at which a signal is used again
+    """
 
     s: Count
     p: Count
@@ -97,9 +119,13 @@ class KernelInputs:
 def receive(
     p: KernelInputs, state: Numbers, sorts: Counts, number: Count, times: Numbers, raw: Numbers, moving: Numbers
 ) -> None:
-    """The `state` before a `number` of frames becomes that after them: `sorts` of each its PDO, then -1, 0, 1: too
-    short, as mapped, too long; `times` [us]; `raw`: of each the values of all its items, none if it is too short;
-    `moving` (S,): not 0 where an equal value means that the sensor is frozen."""
+    """Update the `state` with a `number` of frames.
+
+    sorts:  (number, 2) PDO of each frame, then -1 too short, 0 as mapped, 1 too long
+    times:  (number,) [us]
+    raw:    values of all items of each frame; none of a frame that is too short
+    moving: (S,) not 0 where an equal value means that the sensor is frozen
+    """
     at = 0
     for k in range(number):
         pdo, sort = sorts[2 * k], sorts[2 * k + 1]
@@ -111,7 +137,7 @@ def receive(
 def take_frame(
     p: KernelInputs, state: Numbers, t_us: Number, pdo: Count, sort: Count, raw: Numbers, at: Count, moving: Numbers
 ) -> None:
-    """The state after one frame, whose items begin at `at`."""
+    """Update the state with one frame, whose items begin at `at`."""
     paced(p, state, t_us, pdo)
     for i in range(p.first[pdo], p.first[pdo + 1]):
         o = SIGNAL * p.signal[i]
@@ -128,7 +154,7 @@ def take_frame(
 
 @inner
 def nodes(p: KernelInputs) -> Count:
-    """The number of nodes."""
+    """Return the number of nodes."""
     found = 0
     for i in range(p.p):
         found = max(found, p.node[i] + 1)
@@ -137,13 +163,12 @@ def nodes(p: KernelInputs) -> Count:
 
 @inner
 def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
-    """With one frame more of a PDO.
+    """Update the rate of a PDO with one more frame.
 
-    `excess` sums 1 - dt/period over the frames: for one producer it stays within the jitter, whatever the number of
-    frames, and it grows by one with each frame of another. What one producer owes after a pause it may send at once
-    (frames that waited while the bus or the reader was busy); with regular frames that is forgotten. With the first PDO
-    after a boot, after a pause, or after a leap of the clock, the heartbeat of its node has its whole time (once
-    more)."""
+    `excess` sums 1 - dt/period over the frames. For one producer it stays within the jitter, whatever the number of
+    frames; it grows by one with each frame of another. After a pause a producer may send at once the frames that waited
+    while the bus or the reader was busy. Regular frames reduce this allowance again. With the first PDO after a boot, a
+    pause or a step of the clock, the heartbeat of its node is given its whole time once more."""
     o = SIGNAL * p.s + SENDER * pdo
     before = state[o]
     dt = (t_us - before) / p.period[pdo]
@@ -166,7 +191,7 @@ def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
 
 @inner
 def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Number, moving: Number) -> None:
-    """A signal with one value more."""
+    """Update a signal with one more value."""
     k = p.signal[slot]
     o, read = SIGNAL * k, raw * p.scale[slot] + p.offset[slot]
     value, largest = read, -p.missing[slot] - 1.0  # 7FFFh of a signed number is the error code of many sensors
@@ -198,9 +223,11 @@ def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Numbe
 
 @inner
 def measured_after(p: KernelInputs, state: Numbers, t_us: Number, k: Count) -> Number:
-    """Time [us] after which a value was measured that is received now, however long it then waited for the bus: when
-    the value before was received; but values that follow each other in less than half a period have waited, and were
-    measured a period apart."""
+    """Return the time [us] after which a value was measured that is received now, however long it then waited for the
+    bus.
+
+    It is the time at which the value before was received. Values that follow each other in less than half a period have
+    waited, and were measured a period apart."""
     o, period = SIGNAL * k, 1e6 * p.seconds[k]
     if t_us - state[o + 2] > 0.5 * period:
         return state[o + 2]
@@ -209,10 +236,11 @@ def measured_after(p: KernelInputs, state: Numbers, t_us: Number, k: Count) -> N
 
 @inner
 def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
-    """By how much a value is off because the signal has leapt by more than is plausible: FASTEST times the time between
-    two values, and the noise; 0: it is not. Time during which values were not yet accepted does not count, because the
-    joint need not have moved then; time that the value before may have waited for the bus does. After a leap it moves
-    on, until it leaps back."""
+    """Return the error of a value whose signal stepped by more than is plausible; 0: it did not.
+
+    Plausible is the fastest change times the time between two values, plus the noise. Time during which values were not
+    yet accepted does not count, because the joint need not have moved then. Time that the value before may have waited
+    for the bus counts. After a step the signal continues from there, until it steps back."""
     if p.fastest[k] > LARGEST:
         return 0.0
     o = SIGNAL * k
@@ -228,21 +256,25 @@ def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number)
 
 @inner
 def room_since(p: KernelInputs, state: Numbers, t_us: Number, k: Count, since: Number) -> Number:
-    """By how much a signal may have changed since a value that was received at `since` [us]."""
+    """Return the largest plausible change of a signal since a value that was received at `since` [us]."""
     waited = max(0.0, since - state[SIGNAL * k + 10] - 1e6 * p.seconds[k])
     return room_for(p, k, 1e-6 * (t_us - since + waited))
 
 
 @inner
 def room_for(p: KernelInputs, k: Count, seconds: Number) -> Number:
-    """By how much a signal may change in a time [s], but at least one of its periods."""
+    """Return the largest plausible change of a signal in a time [s], but at least in one of its periods."""
     return p.fastest[k] * max(seconds, p.seconds[k]) + p.noise[k]
 
 
 def usable(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> Count:
-    """At a tick: `found` is the value of each signal (S,), the reason why it is not usable (S,), the reason why one of
-    them is late, and how many have leapt; how many are not usable. The last value of a signal that is late or was
-    refused is used for `hold`; after that the signal is invalid."""
+    """Judge the signals at a tick, and return the number of signals that are not usable.
+
+    The last value of a signal that is late or was refused is used for `hold`; after that the signal is invalid.
+
+    found: (2 S + 2,) value of each signal, reason why each is not usable, reason why one of them is late, number of
+           stepped signals
+    """
     for k in range(p.s):
         o = SIGNAL * k
         age, reason = t_us - state[o + 1], state[o + 3]
@@ -262,8 +294,10 @@ def usable(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> Cou
 
 @inner
 def distrust(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> None:
-    """Reasons of signals whose node was not operational and alive when its PDO came - a heartbeat that was never heard
-    is not missed -, or whose PDO somebody else sends, too."""
+    """Set the reasons of signals whose node was not operational and alive when its PDO came, or whose PDO another node
+    sends as well.
+
+    A node whose heartbeat was never received is not judged by it."""
     for i in range(p.p):
         o = SIGNAL * p.s + SENDER * i
         node, why = SIGNAL * p.s + SENDER * p.p + SENDER * p.node[i], GOOD
@@ -279,20 +313,22 @@ def distrust(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> N
 
 @inner
 def has_leapt(p: KernelInputs, state: Numbers, k: Count) -> Count:
-    """Whether a signal leapt and stayed there."""
+    """Return whether a signal stepped and stayed there."""
     by = state[SIGNAL * k + 9]
     return 1 if by != 0.0 and abs(by) > room_for(p, k, 0.0) else 0
 
 
 def leapt(p: KernelInputs, state: Numbers, found: Numbers) -> None:
-    """`found` (S,): 1 where a signal leapt and stayed there."""
+    """Set `found` (S,) to 1 where a signal stepped and stayed there."""
     for k in range(p.s):
         found[k] = has_leapt(p, state, k)
 
 
 def quantise(size: Count, limits: Numbers, values: Numbers, found: Counts) -> None:
-    """What is `found` to be sent of so many `values` (N,): the nearest integer, of two the even one, of those within
-    the `limits` (N, 4): smallest and largest value, step, and the integer that means "no value"."""
+    """Set `found` (N,) to the integers that are sent of `values` (N,): the nearest one, of two the even one.
+
+    limits: (N, 4) smallest and largest value, step, and the integer that means "no value" for values outside
+    """
     for i in range(size):
         found[i] = whole(limits[4 * i + 3])
         if limits[4 * i] <= values[i] <= limits[4 * i + 1]:

@@ -115,14 +115,14 @@ class GateLayout:
 
 
 class ConclusionLayout:
-    """Places in what is concluded of a lift (`weighed.conclude`), with P tares and D drifts.
+    """Places in the result of a lift (`weighed.conclude`), with P tares and D drifts.
 
-    mass:        [kg]
-    error:       its standard error [kg]
-    x, z:        centre of the load [m]
+    mass:             [kg]
+    error:            its standard error [kg]
+    x, z:             centre of the load [m]
     x_error, z_error: standard errors of the centre [m]
-    drifted:     standard error of the first moment by the drift [kg m]
-    size:        of all numbers, with the sensitivity (P + D,) of the mass
+    drifted:          standard error of the first moment by the drift [kg m]
+    size:             of all numbers, with the sensitivity (P + D,) of the mass
     """
 
     def __init__(self, parameters: int, drifts: int) -> None:
@@ -170,7 +170,7 @@ class SampleLayout:
     values:  (S,) values [SI]
     reasons: (S,) reason why each is not usable, as a number of `Reason`
     late:    reason why one of them is late, as a number of `Reason`
-    leapt:   number of signals that have leapt
+    leapt:   number of signals that stepped
     size:    of all numbers
     """
 
@@ -220,16 +220,16 @@ class InputLayout:
 class ForceLayout:
     """Places in the force of R rows (`pushed.push`).
 
-    x, z:                      force at the tool [N]
-    xx, xz, zz:                its covariance [N^2]
-    weight:                    of the mass in the bucket that explains most of the force [N]
-    clearness:                 f' C^-1 f of the rest f
+    x, z:       force at the tool [N]
+    xx, xz, zz: its covariance [N^2]
+    weight:     of the mass in the bucket that explains most of the force [N]
+    clearness:  f' C^-1 f of the force f without that weight
     wider_xx, wider_xz, wider_zz: covariance by errors of signals [N^2]
-    size:                      of all numbers
+    size:       of all numbers
     """
 
     def __init__(self, rows: int) -> None:
-        force = 2 * rows  # after the torque left (R,) and the variance of friction whose sign is not known (R,)
+        force = 2 * rows  # after the residual torque (R,) and the variance of friction of unknown sign (R,)
         self.x, self.z, self.xx, self.xz, self.zz = force, force + 1, force + 2, force + 3, force + 5
         last = 8 * rows + 6  # after the gain (2, R) and the columns of the load (R, 4)
         self.weight, self.clearness, self.wider_xx, self.wider_xz, self.wider_zz = range(last, last + 5)

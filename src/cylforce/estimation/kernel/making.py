@@ -39,7 +39,7 @@ FORCE_LAWS: dict[type, int] = {
     PressureZero: columns.ZERO,
     AtRest: columns.AT_REST,
 }
-# The other effects, with the ends of the names of the columns that are theirs alone.
+# The other effects, with the ends of the names of the columns that no other effect has.
 OTHERS: dict[type, tuple[str, ...]] = {
     Rigid: (),
     TipForce: (),
@@ -50,18 +50,20 @@ OTHERS: dict[type, tuple[str, ...]] = {
 
 
 def numbers(values: Iterable[Any]) -> Numbers:
-    """An array of the kernel."""
+    """Return numbers as an array of the kernel."""
     return array("d", [float(value) for value in values])
 
 
 def counts(values: Iterable[int]) -> Counts:
-    """An array of integers of the kernel."""
+    """Return integers as an array of the kernel."""
     return array("q", [int(value) for value in values])
 
 
 def plan(model: Model, kind: Callable[..., KernelPlan]) -> KernelPlan:
-    """The plan (`kind`: class `KernelPlan` of the kernel) of a model. Raises TypeError for an effect whose law the
-    kernel does not know."""
+    """Return the plan of a model. Raises TypeError for an effect whose law the kernel does not have.
+
+    kind: class `KernelPlan` of the kernel
+    """
     return kind(*_arguments(model))
 
 
@@ -99,8 +101,11 @@ def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Number
 
 
 def sensors(model: Model, kind: Callable[..., KernelSensors], most: float) -> KernelSensors:
-    """The kernel's form (`kind`: class `KernelSensors`) of which signals give the channels; a chassis tilted by more
-    than `most` [rad] is not used."""
+    """Return which signals give the channels.
+
+    kind: class `KernelSensors` of the kernel
+    most: tilt of the chassis above which samples are not used [rad]
+    """
     machine, read = model.machine, model.channels
     of_house = [*read.base, *read.house]
     sizes = [machine.size, len(machine.cylinders), machine.size + len(machine.cylinders) + len(of_house)]
@@ -113,7 +118,7 @@ def sensors(model: Model, kind: Callable[..., KernelSensors], most: float) -> Ke
 
 
 class _Table:
-    """Where the columns of a model's effects stand."""
+    """Places of the columns of a model's effects."""
 
     def __init__(self, model: Model) -> None:
         self._model, machine = model, model.machine
@@ -129,7 +134,7 @@ class _Table:
             self._take(effect, links)
 
     def place(self, name: str) -> int:
-        """Number of a column."""
+        """Return the number of a column."""
         return self.names[name]
 
     def _take(self, effect: Effect, links: Sequence[str]) -> None:
@@ -147,8 +152,10 @@ class _Table:
             self.weight = [self.names.get(f"{c.name}.cylinder", -1) for c in machine.cylinders]
 
     def used(self) -> tuple[list[int], list[int]]:
-        """Places row K + column that can differ from zero, and those of momentum: a link moves the joints before it, a
-        cylinder those that it spans, with its weight also those that carry it."""
+        """Return the places row K + column that can differ from zero, and those of momentum.
+
+        A link moves the joints before it. A cylinder acts on the joints that it spans, and its weight also on those
+        that carry it."""
         machine, size = self._model.machine, len(self.names)
         farthest = {k: i // 3 for i, k in enumerate(self.rigid)} | {k: i // 2 for i, k in enumerate(self.slewed)}
         farthest |= {self.names["tip.x"] + i: machine.size for i in range(3)}
@@ -220,8 +227,8 @@ def _stops(model: Model) -> list[float]:
 
 
 def _filters(model: Model) -> list[list[float]]:
-    """Coefficients of the channels' low-pass (b1, b2, a1, a2 after b0), of the columns', of its begin, of the forces'
-    and of the inertia's."""
+    """Return the coefficients of the filters: of the channels (b0, b1, b2, a1, a2), the columns, their start, the
+    forces and the inertia."""
     slow, fast = model.filtered, model.fast
     return [
         _coefficients(model.channels.smooth),

@@ -1,5 +1,5 @@
-"""What the kernel knows of a machine, of the columns of its effects and of the filters, and of its signals, from which
-come the channels (`estimation.channels.Channels.read`, of one sample); `making.py` makes it."""
+"""Constants of a machine, of its effects' columns and filters, and of its signals (`making.py` makes them); and the
+channels of one sample (`estimation.channels.Channels.read`)."""
 
 from collections.abc import Sequence
 from math import floor
@@ -10,17 +10,54 @@ from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers
 
 @record
 class KernelPlan:
-    """N joints, C cylinders, R rows (measured torques), K columns, D channels, L force laws; after them the places of
-    intermediate results, which every step overwrites, so that one plan serves one thread.
+    """Constants of N joints, C cylinders, R rows (measured torques), K columns, D channels and L force laws, and room
+    for intermediate results. Every step overwrites that room, so that one plan serves one thread.
 
-    `row` (N,): row of each joint, -1: none; `acting` (R, C): 1 where a cylinder acts on a row's joint; `bodies` (C, 3)
-    of foot, eye or rocker pin, link pin (-1: no four-bar); `pins` (C, 6): their x, z [m]; `bars` (C, 6): lengths of
-    rocker and link [m], side, eye x, z, half the shortest length [m]; `stops` (C, 2): usable lengths [m].
-
-    Numbers of columns: `rigid` (N, 3), `slewed` (N, 2) or empty, `tip` of three, `rocker` and `weight` (C,), -1: none.
-    `laws` (L, 2): kind and first column; `shapes` (L, 2): numbers of the law; `levers` (A, 3): of each that is not
-    always zero its place among (C, N), row K + cylinder, and the cylinder. `used`: places of a (R, K) table that can
-    differ from zero, `moved`: those with momentum; `waits`: steps for which a bad lever spoils a row."""
+    law_size, used_size, moved_size, lever_size, slewed_size: numbers of laws, of places in `used`, in `moved`, of
+                      `levers` and of places in `slewed`
+    waits:            steps for which a bad lever spoils a row
+    rate_slew:        1 where the slew rate is measured
+    inertial:         1 where the base has an inertial sensor
+    gravity:          [m/s^2]
+    axis:             distance of the first pin from the slew axis [m]
+    base_x, base_z:   place of the inertial sensor from the first pin [m]
+    dt:               fixed step [s]
+    row:              (N,) row of each joint, -1: none
+    acting:           (R, C) 1 where a cylinder acts on a row's joint
+    bodies:           (C, 3) of foot, eye or rocker pin, link pin (-1: no four-bar)
+    rigid:            (N, 3) columns of J, X, Z
+    slewed:           (N, 2) columns of D_excess, E, or empty
+    tip:              first of three columns of the tool
+    rocker, weight:   (C,) column of the bars, of the cylinder's weight, -1: none
+    laws:             (L, 2) kind and first column
+    levers:           (A, 3) of each lever that is not always zero its place among (C, N), row K + cylinder, and the
+                      cylinder
+    used:             places of a (R, K) table that can differ from zero
+    moved:            those of them with momentum
+    lengths:          (N,) of the links [m]
+    arm:              (N, 2) x, z from each link's pin to the next one, or to the tool [m]
+    pins:             (C, 6) x, z of the pins in `bodies` [m]
+    bars:             (C, 6) lengths of rocker and link [m], side, eye x, z, half the shortest length [m]
+    stops:            (C, 2) usable lengths [m]
+    shapes:           (L, 2) constants of each law
+    channel:          (5,) low-pass of the channels, b0, b1, b2, a1, a2
+    mean:             (7,) filter of static columns and torques, b0 to b3, a1 to a3
+    begun:            (3,) its state before a first input of 1
+    slope:            (2,) first and last coefficient of the filter of momentum
+    rest:             (3,) its state settled at 1
+    quick:            (5,) low-pass of the forces
+    settled:          (2,) its state settled at 1
+    slow:             (3,) low-pass of the inertia
+    middle, rate:     (D,) channels and their rates
+    q, qd, turn, level, hinge: angles, rates, directions and pins of the links, see `bodies.set_links`
+    riders:           points that move, see `bodies`
+    lever:            (C, N) [m/rad]
+    speed:            (C,) [m/s]
+    pushes:           (C,) force of a law
+    good:             (C,) 1 where a cylinder's force is used
+    momentum, static: (R, K) columns
+    torque:           (R + 1,) measured torques [N m], then the squared slew rate
+    """
 
     n: Count
     c: Count
@@ -115,10 +152,16 @@ class KernelPlan:
 
 @record
 class KernelSensors:
-    """N joints, C cylinders, D channels; numbers of signals, -1: not measured. `turned` (N, 2): each joint's encoder
-    and its link's inclinometer; `pushed` (C, 3): each cylinder's force pin, head and rod side; `base` (D - N - C,):
-    the base's inertial sensor, pitch, roll, slew; `tilts`: signals that may not exceed `most` [rad]; `areas` (C, 3):
-    head side, rod side [m^2], pressure of a rod side that is not measured [Pa]."""
+    """Sources of D channels of N joints and C cylinders, as numbers of signals; -1: not measured.
+
+    tilt_size: number of `tilts`
+    most:      largest tilt [rad]
+    turned:    (N, 2) encoder of each joint, and inclinometer of its link
+    pushed:    (C, 3) force pin, head and rod side of each cylinder
+    base:      (D - N - C,) inertial sensor of the base, pitch, roll, slew
+    tilts:     signals that may not exceed `most`
+    areas:     (C, 3) head side, rod side [m^2], pressure of a rod side that is not measured [Pa]
+    """
 
     n: Count
     c: Count
@@ -143,8 +186,9 @@ class KernelSensors:
 
 
 def sense(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
-    """The channels (D,) from the values of all signals; a joint without encoder and inclinometer keeps the angle that
-    is there. Whether the chassis is tilted too far."""
+    """Compute the channels (D,) from the values of all signals, and return whether the chassis is tilted too far.
+
+    A joint without encoder and inclinometer keeps the angle that `into` already contains."""
     tilted = 0
     for i in range(p.tilt_size):
         tilted += abs(values[p.tilts[i]]) > p.most
@@ -166,7 +210,7 @@ def sense(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
 
 @inner
 def force(p: KernelSensors, values: Numbers, c: Count) -> Number:
-    """The force of a cylinder, p_head A_head - p_rod A_rod [N]; 0: not measured."""
+    """Return the force of a cylinder, p_head A_head - p_rod A_rod [N]; 0: not measured."""
     pin, head, rod = p.pushed[3 * c], p.pushed[3 * c + 1], p.pushed[3 * c + 2]
     if pin >= 0:
         return values[pin]
@@ -178,9 +222,11 @@ def force(p: KernelSensors, values: Numbers, c: Count) -> Number:
 
 @inner
 def in_range(value: Number, low: Number, high: Number, turn: Number) -> Number:
-    """The value of a signal that repeats after a `turn` (0: never), with one turn more or less where that leads into
-    its range: wherever the circle of its sensor ends, the direction is one that is possible. More than one turn no
-    sensor of a circle is off."""
+    """Return the value of a signal that repeats after a `turn` (0: never), moved by one turn where that leads into its
+    range.
+
+    Wherever the circle of its sensor ends, the direction is then a possible one. No sensor of a circle is off by more
+    than one turn."""
     if turn <= 0.0 or low <= value <= high:
         return value
     other = value - turn if value > high else value + turn
@@ -189,8 +235,9 @@ def in_range(value: Number, low: Number, high: Number, turn: Number) -> Number:
 
 @inner
 def short_way(by: Number, turn: Number) -> Number:
-    """By how much a signal that repeats after a `turn` (0: never) changed where its reading changed `by` so much: a
-    sensor that passes the end of its circle goes on at the other end, which is a turn less."""
+    """Return the change of a signal that repeats after a `turn` (0: never) whose reading changed `by` so much.
+
+    A sensor that passes the end of its circle continues at the other end, one turn less."""
     finite = by - by == 0.0
     if turn <= 0.0 or not finite or abs(by) <= 0.5 * turn:
         return by

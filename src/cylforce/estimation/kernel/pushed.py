@@ -1,5 +1,4 @@
-"""The force at the tool at one instant, and its errors: `service.contact.noise` and `service.force`, in plain
-numbers."""
+"""Force at the tool at one instant, and its errors: `service.contact.noise` and `service.force` in plain numbers."""
 
 from math import atan2, sqrt
 
@@ -20,11 +19,19 @@ def push(
     new: Numbers,
     found: Numbers,
 ) -> None:
-    """Of the `rows` of a step (`rows.rows_size`) those of the instant, the load in the bucket (4,), the values of the
-    drift (D,), torques `wrong` (R, H) by errors of H signals, each by itself, and the errors before, inertia (R, R),
-    reversing (C,), variance (R,), one after the other: `new`, the same errors after it; `found`: torque left (R,),
-    variance of friction whose sign is not known (R,), force (2,), its covariance (2, 2), gain (2, R), columns of the
-    load (R, 4), of `alone` two numbers, what `wrong` adds to xx, xz and zz of the covariance."""
+    """Compute the force at the tool at one instant, and the errors after it.
+
+    rows:   of a step (`rows.rows_size`), of which those of the instant are used
+    usable: (R,) rows that can be used
+    load:   (4,) in the bucket
+    drift:  (D,) values of the drift
+    wrong:  (R, H) torques by errors of H signals, each by itself
+    errors: H
+    unrest: errors before: inertia (R, R), reversing (C,), variance (R,)
+    new:    the same errors after this instant
+    found:  residual torque (R,), variance of friction of unknown sign (R,), force (2,), its covariance (2, 2), gain (2,
+            R), columns of the load (R, 4), two numbers of `alone`, and xx, xz, zz that `wrong` adds to the covariance
+    """
     gains, size = 2 * s.r + 6, s.r * s.k
     now, reversing = size + s.r, 3 * size + 2 * s.r
     lever = reversing + s.c
@@ -50,9 +57,13 @@ def push(
 
 @inner
 def alone(s: KernelSolver, found: Numbers, o: Count, to: Count) -> None:
-    """Of a force (2,) and its covariance (2, 2) that stand from `o` on: the weight [N] of the mass in the bucket that
-    explains most of it, the w downwards of 0 to `heaviest` that minimises (f + w z)' C^-1 (f + w z); and that
-    minimum."""
+    """Compute the weight [N] of the mass in the bucket that explains most of a force, and the misfit that it leaves.
+
+    It is the w downwards of 0 to `heaviest` that minimises (f + w z)' C^-1 (f + w z); the misfit is that minimum.
+
+    o:  place of the force (2,) and its covariance (2, 2)
+    to: place of both results
+    """
     x, z, xx, xz, zz = found[o], found[o + 1], found[o + 2], found[o + 3], found[o + 5]
     weight = min(max((xz * x - xx * z) / xx, 0.0), s.heaviest)
     z += weight
@@ -61,7 +72,7 @@ def alone(s: KernelSolver, found: Numbers, o: Count, to: Count) -> None:
 
 @inner
 def widen(s: KernelSolver, wrong: Numbers, errors: Count, found: Numbers, to: Count) -> None:
-    """Covariance of the force, xx, xz and zz, by torques `wrong` (R, H)."""
+    """Add xx, xz and zz of the force's covariance by torques `wrong` (R, H)."""
     gains = 2 * s.r + 6
     for h in range(errors):
         x, z = 0.0, 0.0
@@ -75,7 +86,7 @@ def widen(s: KernelSolver, wrong: Numbers, errors: Count, found: Numbers, to: Co
 
 @inner
 def leave(s: KernelSolver, columns: Numbers, begin: Count, drift: Numbers, found: Numbers) -> None:
-    """Torque (R,) that tares and drift leave, of columns (R, K) and torque (R,) from `begin` on."""
+    """Compute the residual torque (R,) of tares and drift, from columns (R, K) and torques (R,) from `begin` on."""
     own, values, at, torque = s.own, s.values, s.at, begin + s.r * s.k
     for r in range(s.r):
         o, left = r * s.p, columns[torque + r]
@@ -88,8 +99,9 @@ def leave(s: KernelSolver, columns: Numbers, begin: Count, drift: Numbers, found
 
 @inner
 def own_columns(s: KernelSolver, columns: Numbers, begin: Count) -> None:
-    """The columns of the tares (R, P), of all (R, K) from `begin` on, one row after the other, in `own`; which are not
-    zero, in `at` (R, P), the first `many` (R,)."""
+    """Copy the columns of the tares (R, P), from all columns (R, K) that begin at `begin`, to `own`.
+
+    `at` (R, P) gets the places that are not zero, of which the first `many` (R,) count."""
     own, at, size = s.own, s.at, s.p
     for r in range(s.r):
         o, number = r * size, 0
@@ -104,7 +116,7 @@ def own_columns(s: KernelSolver, columns: Numbers, begin: Count) -> None:
 
 @inner
 def be_late(s: KernelSolver, change: Numbers, begin: Count, load: Numbers, before: Numbers, new: Numbers) -> None:
-    """Covariance (R, R) of the late torque of inertia of machine and load."""
+    """Update the covariance (R, R) of the torque by which the inertia of machine and load lags."""
     late, values = s.spread, s.values
     for r in range(s.r):
         o, total = begin + r * s.k, 0.0
@@ -120,7 +132,7 @@ def be_late(s: KernelSolver, change: Numbers, begin: Count, load: Numbers, befor
 
 @inner
 def doubt(s: KernelSolver, found: Numbers, new: Numbers) -> None:
-    """Covariance (R, R) of the torque that is left, in `square`: own errors of the instant and those of the tares."""
+    """Compute the covariance (R, R) of the residual torque in `square`: errors of the instant and of the tares."""
     for q in range(s.r):
         each = s.relative * found[q]
         total = quadratic(s, s.covariance, 0, s.p, s.own, q * s.p) + each * each
@@ -131,7 +143,7 @@ def doubt(s: KernelSolver, found: Numbers, new: Numbers) -> None:
 
 @inner
 def common(s: KernelSolver, r: Count, q: Count) -> Number:
-    """Covariance of the torques of two rows by errors of the tares."""
+    """Return the covariance of the torques of two rows by errors of the tares."""
     own, at, covariance = s.own, s.at, s.covariance
     one, two, total = r * s.p, q * s.p, 0.0
     for m in range(s.many[r]):
@@ -145,8 +157,10 @@ def common(s: KernelSolver, r: Count, q: Count) -> Number:
 
 @inner
 def solve(s: KernelSolver, columns: Numbers, begin: Count, usable: Numbers, found: Numbers) -> None:
-    """Force at the tool by weighted least squares with its prior, from the usable rows: with L L' = `square`, rows
-    L^-1 [tool | left], then the same of their normal matrix; `own` holds the rows and the inverse."""
+    """Compute the force at the tool by weighted least squares with its prior, from the usable rows.
+
+    L L' = `square`; rows L^-1 [tool | residual]; inverse of their normal matrix. `own` holds the rows and the inverse.
+    """
     t, tools, o = s.t, s.own, s.t * s.r
     factor(s.square, s.r, usable)
     for i in range(t):
@@ -169,7 +183,7 @@ def solve(s: KernelSolver, columns: Numbers, begin: Count, usable: Numbers, foun
 
 @inner
 def gain(s: KernelSolver, tools: Numbers, o: Count, found: Numbers) -> None:
-    """Force per unit of each row's torque, and the force."""
+    """Compute the force per unit of each row's torque, and the force."""
     for i in range(2):
         total = 0.0
         for r in range(s.r):
@@ -183,7 +197,8 @@ def gain(s: KernelSolver, tools: Numbers, o: Count, found: Numbers) -> None:
 
 @inner
 def soil(s: KernelSolver, found: Numbers, load: Numbers, covariance: Numbers, into: Numbers) -> None:
-    """Force without the load, (4,) with covariance (4, 4), and its covariance: `into` (2,) and (2, 2)."""
+    """Compute the force without the load (4,), which has covariance (4, 4): `into` is that force (2,) and its
+    covariance (2, 2)."""
     gains = 2 * s.r + 6
     seen = s.other
     for i in range(2):
@@ -213,11 +228,17 @@ def show(
     resultant: Numbers,
     ground: Numbers,
 ) -> None:
-    """What is published of the `found` force: the `resultant` of all that acts on the tool, and of it that of the
-    `ground`, less the load (4,) with covariance (4, 4), where there is one (`loaded_tool`), else less the mass that
-    explains most of it. Each: x, z, size [N], direction [rad], their standard errors - that of the direction per unit
-    of the size -, covariance xx, xz, zz with that of the scale, whether the direction is certain: the size is `clear`
-    standard errors across it; the largest of the first three errors, and of their values."""
+    """Compute the published force.
+
+    The ground's force is the resultant less the load (4,) with covariance (4, 4), where there is one (`loaded_tool`).
+    Otherwise it is the resultant less the mass that explains most of it.
+
+    found:             result of `push`
+    clear:             standard errors across a force from which its size makes the direction certain
+    resultant, ground: (14,) each: x, z, size [N], direction [rad]; their standard errors, that of the direction per
+                       unit of the size; covariance xx, xz, zz with that of the scale; whether the direction is certain;
+                       the largest of the first three errors, and of their values
+    """
     o, wide = 2 * s.r, 8 * s.r + 8
     xx, xz, zz = found[wide], found[wide + 1], found[wide + 2]
     publish(s, found[o], found[o + 1], found[o + 2] + xx, found[o + 3] + xz, found[o + 5] + zz, clear, resultant)
@@ -234,7 +255,7 @@ def show(
 def publish(
     s: KernelSolver, x: Number, z: Number, xx: Number, xz: Number, zz: Number, clear: Number, into: Numbers
 ) -> None:
-    """A force as it is published, of x, z [N] with covariance xx, xz, zz [N^2] without that of the scale."""
+    """Compute a force as it is published, of x, z [N] with covariance xx, xz, zz [N^2] without that of the scale."""
     scale = s.scale_error * s.scale_error
     xx, xz, zz = xx + scale * (x * x), xz + scale * (x * z), zz + scale * (z * z)
     size = sqrt(x * x + z * z)
@@ -251,8 +272,9 @@ def publish(
 
 
 def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest: Numbers) -> None:
-    """The variances (R,) that end `unrest`, after an instant in the air with a load (4,): s <- s (1 + a (e - 1)) of the
-    rows that are `good`, e the square of what is left over its variance."""
+    """Update the variances (R,) that end `unrest`, after an instant in the air with a load (4,).
+
+    s <- s (1 + a (e - 1)) of the rows that are `good`, e the squared residual over its variance."""
     o = s.r * s.r + s.c
     for r in range(s.r):
         left = found[r]
@@ -266,7 +288,8 @@ def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest:
 
 
 def fill(known: Numbers, full: Numbers, share: Number, found: Numbers) -> None:
-    """Covariance (4, 4) of a load, as it is `known`, in a bucket that may have got a share of `full` (4,) since."""
+    """Compute the covariance (4, 4) of a load in a bucket that may have gained a share of `full` (4,) since it was
+    `known` (4, 4)."""
     for i in range(4):
         for j in range(4):
             found[4 * i + j] = known[4 * i + j] + share * full[i] * (share * full[j])

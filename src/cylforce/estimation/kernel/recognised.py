@@ -1,6 +1,6 @@
-"""What a block of motion tells: of whose machine it is (`service.recognition`), and of each signal's error
-(`service.plausibility.blocks` and `undetected`); what a tenth of a second tells of a base that rocks
-(`service.contact.rocking`); in plain numbers."""
+"""Evidence of a block of motion, in plain numbers: whether this is the machine (`service.recognition`), and the errors
+of each signal (`service.plausibility.blocks` and `undetected`). Also the motion of a rocking base
+(`service.contact.rocking`)."""
 
 from math import cos, sin, sqrt
 
@@ -25,9 +25,17 @@ def gather(
     memory: Number,
     gram: Numbers,
 ) -> Count:
-    """The gram (K, K) becomes that with the rows of one instant that are usable and in motion, [load | changes in units
-    of `change` (D,) | a `number` of `errors` (R, H) | torque left], in units of their standard errors, over `memory`;
-    how many these are. `rows` and `left` as of `weighed.explain`."""
+    """Update the gram (K, K) with the rows of one instant that are usable and in motion, and return their number.
+
+    A row is [load | changes in units of `change` | `errors` | residual], in units of its standard error, over `memory`.
+
+    rows, left: as of `weighed.explain`
+    usable:     (R,) rows that can be used
+    change:     (D,) units of the drift
+    errors:     (R, H) torque by a unit of each error
+    number:     H
+    memory:     samples that count as one
+    """
     telling = 0
     for r in range(s.r):
         telling += usable[r] != 0.0 and left[2 * s.r + r] < left[s.r + r]
@@ -58,8 +66,10 @@ def gather(
 def everyday(
     s: KernelSolver, unsure: Numbers, before: Numbers, frictions: Count, unknown: Number, change: Numbers
 ) -> None:
-    """The everyday `change` (D,) of friction and zeros: `before` (D,), of each of so many `frictions` (1 + `unknown`)
-    times as much while the drift, of the covariance `unsure` (D, D), is as uncertain as that."""
+    """Compute the usual change `change` (D,) of friction and zeros from one day to another.
+
+    It is `before` (D,). Each of the `frictions` is (1 + `unknown`) times as large while its drift, of covariance
+    `unsure` (D, D), is as uncertain as that."""
     for i in range(s.d):
         change[i] = before[i]
         if i < frictions:
@@ -83,9 +93,12 @@ def gather_block(
     believed: Numbers,
     gram: Numbers,
 ) -> Count:
-    """As `gather`, of a block of the plausibility: of the `drift` (D,), with the covariance `unsure` (D, D), so many
-    `frictions` are believed, no zeros; with `everyday` changes. `left` (3 + D, R), `change` and `believed` (D,) are
-    room for results."""
+    """Gather an instant of a block of the plausibility, with `everyday` changes, see `gather`.
+
+    drift:  (D,) of which so many `frictions` are used, no zeros
+    unsure: (D, D) covariance of the drift
+    left, change, believed: (3 + D, R), (D,), (D,) room for results
+    """
     everyday(s, unsure, before, frictions, unknown, change)
     for i in range(s.d):
         believed[i] = drift[i] if i < frictions else 0.0
@@ -109,10 +122,17 @@ def mislead(
     angles: Numbers,
     out: Numbers,
 ) -> None:
-    """`out` (R, presses + turns): torque by a unit of each error. First forces: the columns `pressed` of the `rows`
-    (`rows.rows_size`), times so many newtons `per_bar`; then angles: `rows.slips` of the joints `turned` at the
-    channels (D,), with the parameters of the machine and a `load` (4,). `values` (P,) and `angles` (R, turns) are room
-    for results."""
+    """Compute `out` (R, presses + turns), the torque by a unit of each error.
+
+    rows:           of a step (`rows.rows_size`)
+    channels:       (D,) at which the errors of angles are computed
+    load:           (4,) in the bucket
+    pressed:        columns of the forces' errors
+    per_bar:        force of each [N]
+    turned:         joints of the angles' errors (`rows.slips`)
+    by:             error of an angle by which they are computed [rad]
+    values, angles: (P,) and (R, turns) room for results
+    """
     together(s, load, 0, values)
     slips(p, channels, values, turned, turns, by, angles)
     size = presses + turns
@@ -126,9 +146,14 @@ def mislead(
 def turn_force(
     p: KernelPlan, channels: Numbers, x: Number, z: Number, turned: Counts, angles: Count, begin: Count, out: Numbers
 ) -> None:
-    """`out` (R, begin + angles): of each of `angles` joints `turned`, whose angle is read too large by one radian, the
-    torque that it seems to take from a force x, z [N] at the tool, at the channels (D,): the force turned about the
-    farther one of the row's joint and that one."""
+    """Compute the torque by which an angle error of one radian changes the effect of a force x, z [N] at the tool.
+
+    The force is turned about the farther one of the row's joint and the joint of the error.
+
+    channels: (D,) at which it is computed
+    turned:   (angles,) joints whose angle is read too large
+    begin:    first column of the results in `out` (R, begin + angles)
+    """
     angle = channels[p.d - 3]
     for j in range(p.n):
         angle += channels[j]
@@ -155,9 +180,13 @@ def notice(
     work: Numbers,
     slopes: Numbers,
 ) -> None:
-    """Of rows (size, size) of a `lift` and of the block that is `running`, over `memory`: change of the load's mass,
-    beside its `prior` information (4,), per unit of each of the `errors` (`slopes`), which stand before the last
-    column. `work`: 32 numbers."""
+    """Compute `slopes` (errors,), the change of the load's mass per unit of each error.
+
+    lift, running: (size, size) rows of a lift and of the running block; the errors precede their last column
+    prior:         (4,) information on the load
+    memory:        samples that count as one
+    work:          32 numbers, room for results
+    """
     inverse = OF_LOAD * OF_LOAD
     for i in range(OF_LOAD):
         for j in range(i + 1):
@@ -191,13 +220,21 @@ def rock(
     state: Numbers,
     wider: Numbers,
 ) -> None:
-    """Variances of the first pin's acceleration forwards and upwards [m^2/s^4], the `state` (2,): after an instant
-    (`weighed.explain`) at the channels (D,), if it is `asked`, by a `share` of what explains best the torque that the
-    load of a lift leaves, its own variance subtracted. `swings` [m^2/s^4]: what the tilt shows of either; `prior`
-    [s^4/m^2]: information on an acceleration before anything is seen. What is no load at all, as contact or a dump,
-    leaves more than `fits` mean squares by the variance without what is found here, and is not asked: else it would
-    excuse more and more. `wider` (R,): what is added to the variance of each row; `over` (R,), `values` (P,) and
-    `levers` (R, 2) are room for results."""
+    """Update the variances of the first pin's acceleration, and compute the variance that they add to each row.
+
+    If `asked`, the `state` moves by a `share` towards the square of an acceleration, less its own variance. It is the
+    acceleration that best explains the torque which the load of a lift does not explain. Contact or a dump exceeds
+    `fits` mean squares by the variance without this one. Such an instant is not used: it would otherwise excuse more
+    and more.
+
+    rows, left, lift: of `weighed.gate`
+    channels:         (D,)
+    swings:           variance of either acceleration that the tilt shows [m^2/s^4]
+    prior:            information on an acceleration [s^4/m^2]
+    state:            (2,) variances forwards and upwards [m^2/s^4]
+    wider:            (R,) added to the variance of each row
+    over, values, levers: (R,), (P,), (R, 2) room for results
+    """
     without_load(s, rows, left, lift, over, values)
     pin_levers(p, channels, values, levers)
     if asked:
@@ -210,9 +247,10 @@ def rock(
 
 @inner
 def pin_levers(p: KernelPlan, channels: Numbers, values: Numbers, levers: Numbers) -> None:
-    """Torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2]: -Im and Re of the
-    first moment about each joint, of the parameters `values` (P,), sum over the links beyond of (X + i Z)
-    exp(i q)."""
+    """Compute the torque (R, 2) [N m] per unit of the first pin's acceleration forwards and upwards [m/s^2].
+
+    It is -Im and Re of the first moment about each joint, of the parameters `values` (P,): the sum over the links
+    beyond of (X + i Z) exp(i q)."""
     angle = channels[p.d - 3]
     for j in range(p.n):
         angle += channels[j]
@@ -237,7 +275,7 @@ def accelerate(
     levers: Numbers,
     state: Numbers,
 ) -> None:
-    """The `state` with the acceleration that explains best what the load leaves, `over` (R,)."""
+    """Update the `state` with the acceleration that best explains the torque `over` (R,) that the load does not."""
     misfit, aa, ab, bb, a_over, b_over = 0.0, prior, 0.0, prior, 0.0, 0.0
     for r in range(s.r):
         x, a, b = over[r], levers[2 * r], levers[2 * r + 1]

@@ -1,10 +1,11 @@
-"""The words of the kernel's restricted Python. Interpreted they mean what stands here. When a wheel is built, Cython
-reads `Number` as a C double, `Count` as a C integer, `Numbers` and `Counts` as places of several of them, `record`
-as a class with C fields, `inner` as a C function, and a name outside functions that is a `Count` or `Number` as a C
-constant (`hatch_build.py`).
+"""Words of the kernel's restricted Python, with their meaning when it is interpreted.
 
-What the kernel may not do: call anything but itself and `math`, divide by zero, use complex numbers, `**` or
-`hypot`, whose rounding differs between interpreter and C library. Then both forms give the same bits."""
+When a wheel is built, Cython reads `Number` as a C double, `Count` as a C integer, `Numbers` and `Counts` as pointers
+to several of them. It reads `record` as a class with C fields and `inner` as a C function. A name outside functions
+that is a `Count` or `Number` becomes a C constant (`hatch_build.py`).
+
+The kernel may call only itself and `math`. It may not divide by zero, and not use complex numbers, `**` or `hypot`,
+whose rounding differs between interpreter and C library. Both forms then give the same bits."""
 
 from array import array
 from collections.abc import Callable
@@ -23,25 +24,25 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def record(made: type[C]) -> type[C]:
-    """A class with fixed fields."""
+    """Return a class with fixed fields."""
     return made
 
 
 def inner(function: F) -> F:
-    """A function that only the kernel itself calls."""
+    """Return a function that only the kernel itself calls."""
     return function
 
 
 def whole(number: Number) -> Count:
-    """A number that is whole, as an integer."""
+    """Return a whole number as an integer."""
     return int(number)
 
 
 def as_numbers(given: Numbers) -> Numbers:
-    """An array that a record keeps, as the kernel's functions take it."""
+    """Return an array that a record keeps, as the kernel's functions take it."""
     return given
 
 
 def as_counts(given: Counts) -> Counts:
-    """An array of integers that a record keeps, as the kernel's functions take it."""
+    """Return an array of integers that a record keeps, as the kernel's functions take it."""
     return given

@@ -1,10 +1,13 @@
-"""From the channels of one sample to filtered rows: what `Channels` and `FilteredRegressor` do along a recording, one
-fixed step at a time; and the rows of the instant (`fast.py`).
+"""Filtered rows from the channels of one sample, one fixed step at a time, as `Channels` and `FilteredRegressor`
+compute them along a recording; and the rows of the instant (`fast.py`).
 
-The state of the filters is one array: channels (D), their low-pass (2, D) and its last outputs (3, D); low-pass of the
-columns (3, R K) and torques (3, R); for each row the steps that it waits (R); speed of the cylinders (C); for the
-instant: low-pass of the forces (2, C), last momentum, low-pass of its rate and last rate (R K each), low-pass of the
-acceleration (C)."""
+The state of the filters is one array:
+channels (D): last ones, their low-pass (2, D) and its last outputs (3, D)
+columns:      low-pass (3, R K), and of the torques (3, R)
+rows:         steps that each row waits (R)
+instant:      speed of the cylinders (C), low-pass of the forces (2, C), last momentum, low-pass of its rate and last
+              rate (R K each), low-pass of the acceleration (C)
+"""
 
 from math import cos
 
@@ -13,25 +16,33 @@ from cylforce.estimation.kernel.columns import columns
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
 
-AHEAD_S: Number = 0.06  # s by which a reversal of a cylinder is looked for, the delay of its measured speed; measured
+AHEAD_S: Number = 0.06  # s by which a reversal of a cylinder is predicted: the delay of its measured speed; measured
 STARTING: Number = 0.03  # m/s^2 of a cylinder, below which a change of sign is noise at rest; chosen
 
 
 def state_size(p: KernelPlan) -> Count:
-    """Numbers of a state."""
+    """Return the number of numbers in a state."""
     return 6 * p.d + 6 * p.r * p.k + 4 * p.r + 4 * p.c
 
 
 def rows_size(p: KernelPlan) -> Count:
-    """Numbers of the rows of a step: columns (R, K) and torques (R) for the weighing, the same of this instant; rate of
-    change of the columns (R, K); for each cylinder whether it reverses (C); levers (C, R); place and velocity of the
-    tool (4); which rows are usable (R); speed of the cylinders (C)."""
+    """Return the number of numbers in the rows of a step.
+
+    weighing:  columns (R, K) and torques (R)
+    instant:   columns (R, K) and torques (R), rate of change of the columns (R, K)
+    cylinders: whether each reverses (C), levers (C, R)
+    tool:      place and velocity (4)
+    usable:    which rows are usable (R)
+    speed:     of the cylinders (C)
+    """
     return 3 * p.r * p.k + 3 * p.r + 2 * p.c + p.c * p.r + 4
 
 
 def advance(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
-    """State `new` and rows `out` (both zero before) after the state `old` and the channels `here` (D,). `first`: the
-    filters of columns and forces begin with this step, and `old` gets their state before it."""
+    """Compute the state `new` and the rows `out` (both zero before) from the state `old` and the channels `here` (D,).
+
+    first: 1 where the filters of columns and forces begin with this step; `old` then gets their state before it
+    """
     smooth(p, old, here, new)
     columns(p)
     weighing_rows(p, old, new, out, first)
@@ -43,7 +54,7 @@ def advance(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbe
 
 @inner
 def smooth(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers) -> None:
-    """Low-pass of the channels; mean and slope of four samples (`filters.mean`, `filters.slope`)."""
+    """Filter the channels, and compute mean and slope of four samples (`filters.mean`, `filters.slope`)."""
     d, b, f = p.d, p.channel[0], 3 * p.d
     for i in range(p.d):
         x = here[i]
@@ -58,7 +69,7 @@ def smooth(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers) -> None:
 
 @inner
 def weighing_rows(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
-    """S (d/dt L momentum + L static) of all columns and S L of the torques (`FilteredRegressor`)."""
+    """Compute S (d/dt L momentum + L static) of all columns and S L of the torques (`FilteredRegressor`)."""
     size, s = p.r * p.k, 6 * p.d
     if first:
         for i in range(p.used_size):
@@ -78,14 +89,15 @@ def weighing_rows(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first
 
 @inner
 def begin(p: KernelPlan, old: Numbers, s: Count, apart: Count, static: Number, momentum: Number) -> None:
-    """State before the first sample, at `s`, `s + apart` and `s + 2 apart`: the momentum settled, the rest at zero."""
+    """Set the state before the first sample, at `s`, `s + apart` and `s + 2 apart`: the momentum settled, the others at
+    zero."""
     for i in range(3):
         old[s + i * apart] = p.begun[i] * static + p.rest[i] * momentum
 
 
 @inner
 def low_passes(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
-    """The low-pass of third order of every column that can differ from zero."""
+    """Apply the low-pass of third order to every column that can differ from zero."""
     b0, b1, b2, b3, a1, a2, a3 = p.mean[0], p.mean[1], p.mean[2], p.mean[3], p.mean[4], p.mean[5], p.mean[6]
     rise, fall, size, s = p.slope[0], p.slope[1], p.r * p.k, 6 * p.d
     used, static, momentum = p.used, p.static, p.momentum
@@ -101,7 +113,7 @@ def low_passes(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
 
 @inner
 def wait(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
-    """Steps for which each row is not used yet, and the cylinders' speed."""
+    """Count the steps for which each row is not used yet, and store the cylinders' speed."""
     s = 6 * p.d + 3 * p.r * p.k + 3 * p.r
     o = 3 * p.r * p.k + 2 * p.r + p.c + p.c * p.r + 4
     for r in range(p.r):
@@ -116,7 +128,7 @@ def wait(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
 
 @inner
 def instant_forces(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
-    """Torques, levers and reversing cylinders of the instant: forces after their own low-pass."""
+    """Compute torques, levers and reversing cylinders of the instant: forces after their own low-pass."""
     s = 6 * p.d + 3 * p.r * p.k + 4 * p.r  # speed, then the low-pass of the forces
     a = s + 3 * p.c + 3 * p.r * p.k  # that of the acceleration
     torque, lever = 2 * p.r * p.k + p.r, 3 * p.r * p.k + 2 * p.r + p.c
@@ -141,7 +153,8 @@ def instant_forces(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out
 
 @inner
 def instant_columns(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
-    """Columns of the instant: static ones and the rate of momentum after its own low-pass; how fast that changes."""
+    """Compute the columns of the instant, static ones and the rate of momentum after its own low-pass, and their rate
+    of change."""
     size, dt = p.r * p.k, p.dt
     s = 6 * p.d + 3 * size + 4 * p.r + 3 * p.c  # last momentum, low-pass of its rate, last rate
     now, change = size + p.r, 2 * size + 2 * p.r
@@ -166,8 +179,14 @@ def instant_columns(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, fir
 def slips(
     p: KernelPlan, channels: Numbers, values: Numbers, turned: Counts, size: Count, by: Number, out: Numbers
 ) -> None:
-    """`out` (R, A): torque that a reading of each of `size` joints `turned` too large by one radian adds to what
-    gravity of the parameters `values` leaves, at the channels (D,), found by a reading too large `by` [rad]."""
+    """Set `out` (R, A) to the torque that a reading of a joint too large by one radian adds to the residual of gravity.
+
+    channels: (D,) at which it is computed
+    values:   (P,) parameters
+    turned:   (A,) joints
+    size:     A
+    by:       error of the reading by which it is computed [rad]
+    """
     for s in range(size + 1):
         for j in range(p.n):
             p.middle[j] = channels[j] + (by if s > 0 and turned[max(s - 1, 0)] == j else 0.0)
@@ -190,8 +209,11 @@ def slips(
 
 
 def moves(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, found: Numbers) -> None:
-    """`found`, for each of the `signals`: 1 where the cylinder `by` which it changes is faster than `least`; -1: any of
-    them."""
+    """Set `found` (signals,) to 1 where the cylinder that changes a signal is faster than `least`.
+
+    speed: (size,) of the cylinders [m/s]
+    by:    (signals,) cylinder that changes each signal; -1: any of them
+    """
     shaken = 0.0
     for c in range(size):
         if abs(speed[c]) > least:
@@ -205,7 +227,7 @@ def moves(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count
 
 @inner
 def tool(p: KernelPlan, out: Numbers) -> None:
-    """Place and velocity of the tool, x and z, in true horizontal and vertical."""
+    """Compute place and velocity of the tool, x and z, in true horizontal and vertical."""
     o = 3 * p.r * p.k + 2 * p.r + p.c + p.c * p.r
     for j in range(p.n):
         t, u = p.level[2 * j], p.level[2 * j + 1]

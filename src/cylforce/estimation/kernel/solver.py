@@ -1,5 +1,5 @@
-"""What the kernel knows of identified parameters: for the torque that they leave, the load and the force at the tool;
-`solving.py` makes it. And triangles of symmetric matrices, by which it solves."""
+"""Constants of identified parameters, for the residual torque, the load and the force at the tool (`solving.py` makes
+them); and triangles of symmetric matrices, by which the kernel solves."""
 
 from collections.abc import Sequence
 from math import sqrt
@@ -10,15 +10,25 @@ from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers
 
 @record
 class KernelSolver:
-    """R rows of K columns, of which the first P are those of the tares; C cylinders; D drifting parameters, T unknowns
-    at the tool.
+    """Constants of R rows of K columns, of which the first P are those of the tares; C cylinders; D drifting
+    parameters; T unknowns at the tool. The limits are those of `service`, by the same names. One solver serves one
+    thread, because it has room for intermediate results.
 
-    `changing` (D,): columns of the drift; `at_rest`, `tip`: first columns of friction at rest and of the tool;
-    `load_at` (M, 2) and `load` (M,): numbers that are not zero of the (P, 4) table from a load to parameters; `values`
-    (P,), `covariance` (P, P), `row_error` (R,) of the tares; `dry` (C,): Coulomb friction, none: empty, its columns
-    begin at `coulomb`; `by_load` (C,): share of a cylinder's force by which its dry friction is more; `prior` (T, T):
-    information on the force. The limits are those of `service`, by the same names. Places of intermediate results end
-    the list: they serve one thread."""
+    at_rest, tip, coulomb: first columns of friction at rest, of the tool and of Coulomb friction
+    loads, dry_size:    lengths of `load` and of `dry`
+    scale:              factor on the residual torque
+    scale_error:        its standard error
+    relative:           model error as a share of the residual torque
+    changing:           (D,) columns of the drift
+    load_at:            (M, 2) parameter and component of a load
+    load:               (M,) numbers of the (P, 4) table from a load to parameters that are not zero
+    values, covariance: (P,) and (P, P) of the tares
+    row_error:          (R,) of the tares [N m]
+    dry:                (C,) Coulomb friction; empty: none
+    by_load:            (C,) share of a cylinder's force by which its dry friction increases
+    prior:              (T, T) information on the force
+    places, at, many, spread, own, square, other, some: room for intermediate results
+    """
 
     r: Count
     k: Count
@@ -87,7 +97,7 @@ class KernelSolver:
 
 @inner
 def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
-    """Cholesky's factor in the place of the lower triangle of a matrix, of the usable rows alone."""
+    """Replace the lower triangle of a matrix by its Cholesky factor, of the usable rows alone."""
     for i in range(size):
         for j in range(i + 1):
             if usable[i] != 0.0 and usable[j] != 0.0:
@@ -100,7 +110,7 @@ def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
 
 @inner
 def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
-    """x <- L^-1 x of the usable rows, 0 in the others; x begins at `o`."""
+    """Compute x <- L^-1 x of the usable rows, 0 in the others; x begins at `o`."""
     for i in range(size):
         total = x[o + i]
         for k in range(i):
@@ -110,7 +120,7 @@ def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count)
 
 @inner
 def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
-    """x <- L'^-1 x of the usable rows."""
+    """Compute x <- L'^-1 x of the usable rows, 0 in the others; x begins at `o`."""
     for i in range(size - 1, -1, -1):
         total = x[o + i]
         for k in range(i + 1, size):
@@ -120,7 +130,8 @@ def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count
 
 @inner
 def invert(matrix: Numbers, size: Count, into: Numbers, o: Count) -> None:
-    """The inverse of a positive definite matrix whose lower triangle is given, to the place `o` of `into`."""
+    """Write the inverse of a positive definite matrix, of which the lower triangle is given, to the place `o` of
+    `into`."""
     for i in range(size):
         for j in range(i + 1):
             total = matrix[i * size + j]

@@ -1,4 +1,4 @@
-"""The kernel's solver of a model and its tares, and how arrays get to the kernel."""
+"""The kernel's solver of a model and its tares, and the conversion of arrays for the kernel."""
 
 from array import array
 from collections.abc import Callable
@@ -18,7 +18,7 @@ ZERO = array("d", [0.0])
 
 
 class Limits(NamedTuple):
-    """Numbers of the service, by the names that they have there; 1 where a caller does not use one."""
+    """Limits of the service, by the names that they have there; 1 where a caller does not use one."""
 
     gate: float = 1.0
     break_away: float = 1.0
@@ -43,7 +43,12 @@ def solver(
     limits: Limits = NO_LIMITS,
     prior: Array | None = None,
 ) -> KernelSolver:
-    """The solver; `prior` (T, T): information on force and moment at the tool."""
+    """Return the kernel's solver of a model with its tares.
+
+    kernel: form of the kernel
+    limits: of the service
+    prior:  (T, T) information on force and moment at the tool; None: none, T = 3
+    """
     rows, size, tools = len(model.machine.rows), len(model.parameters), 3 if prior is None else len(prior)
     cylinders, drifts = len(model.machine.cylinders), len(model.changing)
     columns = len(model.filtered.regressor.names)
@@ -72,13 +77,15 @@ def solver(
 
 
 def room(size: int) -> Numbers:
-    """A place for results of the kernel."""
+    """Return an array for results of the kernel."""
     return ZERO * size
 
 
 def listed(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The interpreted function, for arrays: it takes their numbers as lists, which are read several times faster.
-    Where it writes, it is given arrays that it keeps."""
+    """Return an interpreted function for arrays.
+
+    It takes their numbers as lists, which are read several times faster. Where the function writes, its argument must
+    be an array of the kernel, which is passed as it is."""
 
     def called(*arguments: Any) -> Any:  # noqa: ANN401 - what the function takes and gives
         return function(*[plain(each) for each in arguments])
@@ -87,7 +94,7 @@ def listed(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def plain(values: Any) -> Any:  # noqa: ANN401 - an argument of the kernel
-    """NumPy's array as a list; a list of the kernel's own arrays as lists."""
+    """Return a NumPy array as a list, a list of the kernel's arrays as lists, and any other argument as it is."""
     if isinstance(values, np.ndarray):
         return values.ravel().tolist()
     return [each.tolist() for each in values] if isinstance(values, list) else values

@@ -1,21 +1,23 @@
-"""The torque that the tares leave, and one instant of a lift: `residual.residual`, `service.weighing` and
-`recursive.update`, in plain numbers."""
+"""Residual torque of the tares, and one instant of a lift: `residual.residual`, `service.weighing` and
+`recursive.update` in plain numbers."""
 
 from math import sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import KernelSolver
 
-VALUES: Count = (
-    20  # where they begin in the numbers of a lift, after factor (4, 4) and right side (4,) of its information
-)
+VALUES: Count = 20  # first place of the values in a lift, after factor (4, 4) and right side (4,) of its information
 COVARIANCE: Count = 24
 GRAM: Count = 40
 
 
 def explain(s: KernelSolver, rows: Numbers, drift: Numbers, found: Numbers) -> None:
-    """Of `rows`, columns (R, K), then torques (R,), and the values of the drift (D,): `found` (3 + D, R) is the torque
-    left, its variance, that of friction at rest, and the columns of the drift (R, D)."""
+    """Compute the residual torque of an instant.
+
+    rows:  columns (R, K), then torques (R,)
+    drift: (D,) values of the drift
+    found: (3 + D, R) residual torque, its variance, that of friction at rest, and the columns of the drift (R, D)
+    """
     values, changing = s.values, s.changing
     for r in range(s.r):
         o = r * s.k
@@ -40,8 +42,8 @@ def explain(s: KernelSolver, rows: Numbers, drift: Numbers, found: Numbers) -> N
 
 @inner
 def quadratic(s: KernelSolver, matrix: Numbers, begin: Count, size: Count, x: Numbers, o: Count) -> Number:
-    """x' C x of a symmetric matrix (size, size), from `begin` on, and the vector that begins at `o`, whose zeros are
-    passed over."""
+    """Return x' C x of a symmetric matrix (size, size), which begins at `begin`, and a vector, which begins at `o`; its
+    zeros are skipped."""
     places, some, number, total = s.places, s.some, 0, 0.0
     for i in range(size):
         each = x[o + i]
@@ -57,7 +59,7 @@ def quadratic(s: KernelSolver, matrix: Numbers, begin: Count, size: Count, x: Nu
 
 @inner
 def loaded(s: KernelSolver, columns: Numbers, size: Count, into: Numbers) -> None:
-    """Columns (R, 4) of a load, from rows of `size` that begin with those of the tares."""
+    """Compute the columns (R, 4) of a load, from rows of `size` columns that begin with those of the tares."""
     for r in range(s.r):
         for i in range(4):
             into[4 * r + i] = 0.0
@@ -67,7 +69,7 @@ def loaded(s: KernelSolver, columns: Numbers, size: Count, into: Numbers) -> Non
 
 @inner
 def shift(s: KernelSolver, lift: Numbers, drift: Numbers) -> None:
-    """The load (4,) with the drift as it is known now, into `spread`: values - covariance gram_D drift."""
+    """Compute the load (4,) with the present drift, into `spread`: values - covariance gram_D drift."""
     size = s.p + s.d
     for i in range(4):
         by = 0.0
@@ -76,7 +78,7 @@ def shift(s: KernelSolver, lift: Numbers, drift: Numbers) -> None:
         s.spread[4 + i] = by
     for i in range(4):
         total = lift[VALUES + i]
-        for j in range(4):
+        for j in range(4):  # b = values - C gram_D drift
             total -= lift[COVARIANCE + 4 * i + j] * s.spread[4 + j]
         s.spread[i] = total
 
@@ -93,10 +95,18 @@ def gate(
     work: Numbers,
     lift: Numbers,
 ) -> Count:
-    """Whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves. Its `rows` and what is `left` of
-    them (`explain`), what the variance is `wider` by (R,), `usable` rows (R,); the numbers of the lift, its steps at
-    rest `rested` (R,); of the drift values `known`, covariance `unsure`. `work` (8, R): columns of the load (R, 4),
-    torque with the drift, variance, rows to be taken in, new steps at rest."""
+    """Return whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves.
+
+    rows:          columns (R, K) of the instant
+    left:          its residual (`explain`)
+    wider:         (R,) added to the variance of each row
+    usable:        (R,) rows that can be used
+    rested:        (R,) steps at rest of the lift
+    known, unsure: (D,) drift and (D, D) its covariance
+    work:          (8, R) results: columns of the load (R, 4), torque with the drift, variance, rows to be taken in, new
+                   steps at rest
+    lift:          numbers of the lift
+    """
     loaded(s, rows, s.k, work)
     shift(s, lift, known)
     total, number, moving = 0.0, 0, 0
@@ -131,7 +141,10 @@ def take(
     work: Numbers,
     lift: Numbers,
 ) -> None:
-    """The numbers of a lift become those with an instant that fits: `rows`, `left` and `work` of `gate`."""
+    """Update the numbers of a lift with an instant that fits.
+
+    rows, left, work: of `gate`
+    """
     size = s.p + s.d
     for r in range(s.r):
         if work[6 * s.r + r] != 0.0:
@@ -160,7 +173,7 @@ def weigh_load(
     lift: Numbers,
     found: Numbers,
 ) -> Count:
-    """All three: whether an instant fits the lift, whose numbers become those with it, and what is concluded."""
+    """Take an instant into the lift if it fits, conclude, and return whether it fits: `gate`, `take` and `conclude`."""
     fits = gate(s, rows, left, wider, usable, rested, known, unsure, work, lift)
     if fits != 0:
         take(s, rows, left, work, lift)
@@ -169,7 +182,7 @@ def weigh_load(
 
 
 def without_load(s: KernelSolver, rows: Numbers, left: Numbers, lift: Numbers, over: Numbers, values: Numbers) -> None:
-    """Of an instant (`explain`) the torque `over` (R,) that the load of a lift does not explain either; parameters
+    """Compute the torque `over` (R,) of an instant that the load of a lift does not explain either, and parameters
     `values` (P,) of machine and load together."""
     loaded(s, rows, s.k, s.other)
     for r in range(s.r):
@@ -182,7 +195,7 @@ def without_load(s: KernelSolver, rows: Numbers, left: Numbers, lift: Numbers, o
 
 @inner
 def together(s: KernelSolver, load: Numbers, begin: Count, values: Numbers) -> None:
-    """Parameters `values` (P,) of the machine and of the load (4,) that stands from `begin` on."""
+    """Compute parameters `values` (P,) of the machine and of a load (4,), which begins at `begin`."""
     for i in range(s.p):
         values[i] = s.values[i]
     for i in range(s.loads):
@@ -191,7 +204,7 @@ def together(s: KernelSolver, load: Numbers, begin: Count, values: Numbers) -> N
 
 @inner
 def add(into: Numbers, at: Count, times: Number, x: Numbers, o: Count, size: Count) -> None:
-    """`times` the vector that begins at `o` to that which begins at `at`."""
+    """Add `times` the vector that begins at `o` to the vector that begins at `at`."""
     for j in range(size):
         if x[o + j] != 0.0:
             into[at + j] += times * x[o + j]
@@ -199,7 +212,7 @@ def add(into: Numbers, at: Count, times: Number, x: Numbers, o: Count, size: Cou
 
 @inner
 def rotate(s: KernelSolver, new: Numbers, observed: Number) -> None:
-    """The triangle with one more row, `spread` (4,) with `observed`, by Givens' rotations."""
+    """Update the triangle with one more row, `spread` (4,) with `observed`, by Givens' rotations."""
     for i in range(4):
         b = s.spread[i]
         if b != 0.0:
@@ -215,7 +228,7 @@ def rotate(s: KernelSolver, new: Numbers, observed: Number) -> None:
 
 @inner
 def solve_triangle(s: KernelSolver, new: Numbers) -> None:
-    """Estimate and covariance (R'R)^-1 from the triangle, by its inverse."""
+    """Compute estimate and covariance (R'R)^-1 from the triangle, by its inverse."""
     inverse = s.square
     for j in range(4):
         for i in range(3, -1, -1):
@@ -237,7 +250,7 @@ def solve_triangle(s: KernelSolver, new: Numbers) -> None:
 
 @inner
 def sensitivity(lift: Numbers, row: Count, size: Count, start: Count, into: Numbers, at: Count) -> None:
-    """A row of the covariance (4, 4) times the columns of the gram (4, size) from `start` on."""
+    """Compute a row of the covariance (4, 4) times the columns of the gram (4, size) from `start` on."""
     o = COVARIANCE + 4 * row
     a, b, c, d = lift[o], lift[o + 1], lift[o + 2], lift[o + 3]
     for j in range(start, size):
@@ -247,9 +260,11 @@ def sensitivity(lift: Numbers, row: Count, size: Count, start: Count, into: Numb
 
 
 def conclude(s: KernelSolver, lift: Numbers, drift: Numbers, unsure: Numbers, found: Numbers) -> None:
-    """Of the numbers of a lift, and a drift, values and covariance: `found` is the mass, its standard error by
-    noise, tares, drift and scale, the load's centre x, z, their standard errors, and that of the first moment by the
-    drift; then the mass' sensitivity (P + D,) to tares and drift."""
+    """Compute the result of a lift with the drift `drift` (D,) and its covariance `unsure` (D, D).
+
+    found: mass, its standard error by noise, tares, drift and scale; centre x, z of the load, their standard errors;
+           standard error of the first moment by the drift; sensitivity (P + D,) of the mass to tares and drift
+    """
     size, d, other = s.p + s.d, s.d, s.other
     shift(s, lift, drift)
     sensitivity(lift, 0, size, 0, found, 7)

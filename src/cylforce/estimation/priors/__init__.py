@@ -1,1 +1,1 @@
-"""What is known of the parameters before a recording: from the data sheet, the linkages and the links' depth."""
+"""Priors of the parameters: from the data sheet, the linkages and the links' depth."""

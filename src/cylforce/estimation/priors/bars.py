@@ -1,6 +1,7 @@
-"""What the machine file tells of the bars of its four-bar linkages (`RockerWeight`): rocker, connecting link and piston
-rod, and of its cylinders (`CylinderWeight`). Their masses are in the data sheet's links, but they turn with none of
-them."""
+"""Priors of the bars of four-bar linkages (rocker, connecting link and piston rod: `RockerWeight`) and of cylinders
+(`CylinderWeight`), from the machine file.
+
+The data sheet's links include their masses, but they turn with none of the links."""
 
 from math import sqrt
 from typing import NamedTuple
@@ -26,14 +27,19 @@ CLOSED = 0.15  # sine of the angle between rocker and link, below which a postur
 
 
 class Guess(NamedTuple):
-    """A first moment: `mean` and `standard_error` [kg m]."""
+    """Prior of a first moment.
+
+    mean:           [kg m]
+    standard_error: [kg m]
+    """
 
     mean: float
     standard_error: float
 
 
 def guess(cylinder: Cylinder, linkage: FourBar) -> Guess:
-    """Half of the link and half of the rod hang at the rocker, which is a bar itself."""
+    """Return the prior of a rocker's first moment: half of the link and half of the rod act at the rocker, which is a
+    bar itself."""
     rocker, eye, section = linkage.rocker_length, linkage.eye, STEEL * BAR**2
     rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low
     far = section * (rocker / 2.0 + linkage.link_length / 2.0) * rocker
@@ -42,22 +48,29 @@ def guess(cylinder: Cylinder, linkage: FourBar) -> Guess:
 
 
 def of_cylinder(cylinder: Cylinder) -> Guess:
-    """Barrel and rod are as long as the shortest cylinder and each weighs as much as a rod of steel, with an error of
-    its own: about their pins they balance each other in the mean."""
+    """Return the prior of a cylinder's first moment, zero in the mean.
+
+    Barrel and rod are as long as the shortest cylinder. Each weighs as much as a rod of steel, with an error of its
+    own. About their pins they balance each other in the mean."""
     rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low
     return Guess(0.0, sqrt(2.0) * ERROR * rod * cylinder.length_low / 2.0)
 
 
 def of_bars(machine: Machine) -> tuple[Effect, ...]:
-    """The effects of bars and cylinders."""
+    """Return the effects of bars and cylinders."""
     effects = (RockerWeight(), CylinderWeight())
     return tuple(e for e in effects if e.parameters(machine))
 
 
 def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
-    """The `prior` of parameters `names` (P,) in which the bars weigh nothing, with what `guess` tells of them. What the
-    data sheet's links contain of the bars is taken out of their first moments, so that the sum of both is known as well
-    as before."""
+    """Return the prior with the bars' own priors in place of zero weight.
+
+    The part of the bars that the data sheet's links contain is subtracted from the links' first moments. The sum of
+    both keeps its uncertainty.
+
+    names: (P,) parameters
+    prior: of these parameters, in which the bars weigh nothing
+    """
     columns = _columns(machine, names)
     if not columns:
         return prior
@@ -71,7 +84,7 @@ def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
 
 
 def represented(machine: Machine, names: tuple[str, ...]) -> Array:
-    """(P, P): from parameters `names` to the same with the links as in a data sheet, which contain the bars."""
+    """Return (P, P), from parameters `names` to those with the links of a data sheet, which contain the bars."""
     sums, columns = np.eye(len(names)), _columns(machine, names)
     if columns:
         sums[: 3 * machine.size, columns] = _shares(machine)
@@ -79,7 +92,8 @@ def represented(machine: Machine, names: tuple[str, ...]) -> Array:
 
 
 def balanced(machine: Machine) -> frozenset[str]:
-    """Names of the parameters of bars on both sides of the rocker's pin, whose first moment may have either sign."""
+    """Return the names of the parameters of bars on both sides of the rocker's pin, whose first moment may have either
+    sign."""
     return frozenset(f"{name}.rocker" for name, bars in machine.four_bars.items() if bars.eye.real < 0.0)
 
 
@@ -88,7 +102,7 @@ def _columns(machine: Machine, names: tuple[str, ...]) -> list[int]:
 
 
 def _shares(machine: Machine) -> Array:
-    """(3N, K): the links' (J, X, Z) that represent a unit of each bar best, in all postures."""
+    """Return (3N, K), the links' (J, X, Z) that best represent a unit of each bar in all postures."""
     ranges = [np.linspace(k.angle_low, k.angle_high, POSTURES) for k in machine.links]
     theta = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, machine.size)
     still = motion(machine, theta, np.zeros_like(theta), np.zeros((len(theta), len(machine.cylinders))))

@@ -1,4 +1,4 @@
-"""What a data sheet tells of the centrifugal terms of a link (mechanics/README.md, section 4).
+"""Prior of the centrifugal terms of a link from its data sheet (mechanics/README.md, section 4).
 
 D - J = -2 (m cz^2 + f I) and E = m cx cz + t I: f is the share of the inertia I about the centre that the link's depth
 has, t the angle between its long axis and the line of its pins. No data sheet has f and t."""
@@ -8,14 +8,20 @@ from typing import NamedTuple
 
 from cylforce.mechanics.machine import Link
 
-# Largest f, and all below it alike: a box h deep and l long has f = h^2 / (h^2 + l^2). Arms are at most a third as deep
-# as long; a tool may be of any shape.
+# Largest f; f is uniform from 0 to it. A box h deep and l long has f = h^2 / (h^2 + l^2). Arms are at most a third as
+# deep as long; a tool may be of any shape.
 ARM, TOOL = 0.1, 1.0
 TILT = 0.05  # rad, standard error of t: the straight line of the pins and the bent box around it; chosen: 3 degrees
 
 
 class Slewing(NamedTuple):
-    """D - J and E [kg m^2] of a link, each with its standard error."""
+    """Centrifugal terms of a link.
+
+    excess:        D - J [kg m^2]
+    excess_error:  its standard error
+    product:       E [kg m^2]
+    product_error: its standard error
+    """
 
     excess: float
     excess_error: float
@@ -24,7 +30,7 @@ class Slewing(NamedTuple):
 
 
 def slewing(link: Link, *, tool: bool) -> Slewing:
-    """From the data sheet's figures and tolerances, errors propagated to first order."""
+    """Return the centrifugal terms from the data sheet's figures and tolerances, errors propagated to first order."""
     m, x, z, inertia = link.mass, link.cx, link.cz, link.inertia
     share = (TOOL if tool else ARM) / 2.0
     excess = -2.0 * (m * z**2 + share * inertia)
