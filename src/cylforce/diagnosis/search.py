@@ -57,6 +57,7 @@ from cylforce.diagnosis.regressors import ColumnSource, ReturnLevel, return_evid
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, SharedNoise
 from cylforce.effects.effect import Parameter
 from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped, shapes
+from cylforce.effects.friction.friction_temperature_drift import FrictionTemperatureDrift
 from cylforce.effects.imposed import Imposed
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Group, Proposal
@@ -72,6 +73,7 @@ Key = tuple[str, str]  # name and place of an effect
 NO_GAP: Key = ("no_gap", "")
 UNKNOWN: Key = ("unknown", "")
 CONTACT = TipForce().about.name
+WARMING = FrictionTemperatureDrift().about.name
 GLITCH = "intermittent_glitch"
 STEP_COLUMNS = ("load.mass", "load.X", "load.Z")
 WIDTH, DEEPEST, REFINED = 2, 8, 8  # of the beam: hypotheses kept, effects at most, forms tried beside each
@@ -973,7 +975,8 @@ def _named(model: Model, law: str) -> Iterator[tuple[int, Parameter]]:
 def log_with_other_oil(found: Found) -> float | None:
     """Return the log probability of a healthy machine whose oil has another temperature; None if that is no answer.
 
-    Oil changes the friction of all cylinders in the same direction, and so at least two joints have a gap.
+    Oil changes the friction of all cylinders in the same direction, and so at least two joints have a gap. Cold oil
+    warms while the machine moves.
     """
     question = found.question
     if found.work is not None or question.free or question.machine.source is KnowledgeSource.DATA_SHEET:
@@ -981,7 +984,9 @@ def log_with_other_oil(found: Found) -> float | None:
     if np.count_nonzero(~without_gap(found.gaps)) < 2:
         return None
     case = replace(question, oil=True).likelihood()
-    hypothesis = case.likeliest((), case.machine.noise)
+    warming = [(k,) for k, form in enumerate(question.forms) if form.name == WARMING and form.columns]
+    hypotheses = [case.likeliest(forms, case.machine.noise) for forms in ((), *warming)]
+    hypothesis = max(hypotheses, key=lambda h: h.log)
     changes = case.state(hypothesis.noise).fitted * question.unit
     pushed = _friction_at_usual_speed(question, changes)
     if np.all(pushed > 0.0) or np.all(pushed < 0.0):
