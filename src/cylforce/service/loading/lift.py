@@ -93,7 +93,7 @@ class Lift(Estimator):
 
     @property
     def gram(self) -> Array:
-        """Products (4, P + D) with the columns of tares and drift, to which the load is sensitive by covariance @ gram."""
+        """Products (4, P + D) with the columns of tares and drift; the load's sensitivity to them: covariance @ gram."""
         return part(self.numbers, LIFT.gram).reshape(4, -1)
 
     def error_by_drift(self, covariance: Array) -> float:
