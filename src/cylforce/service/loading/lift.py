@@ -93,7 +93,7 @@ class Lift(Estimator):
 
     @property
     def gram(self) -> Array:
-        """Products (4, P + D) with the columns of tares and drift; the load's sensitivity to them: covariance @ gram."""
+        """Products (4, P + D) with columns of tares and drift; covariance @ gram is the load's sensitivity to them."""
         return part(self.numbers, LIFT.gram).reshape(4, -1)
 
     def error_by_drift(self, covariance: Array) -> float:
