@@ -166,7 +166,7 @@ class WeighingService(Estimator):
         )
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Replace the state by a copy of what `snapshot` returned."""
+        """Replace the state by a copy of a `snapshot`."""
         self._fit(state["tool"])
         Estimator.restore(self, state)
 

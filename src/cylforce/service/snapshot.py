@@ -29,7 +29,7 @@ class Estimator:
         return {name: _copied(getattr(self, name)) for name in kinds(type(self))}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Replace the state by a copy of what `snapshot` returned."""
+        """Replace the state by a copy of a `snapshot`."""
         for name in kinds(type(self)):
             now = getattr(self, name)
             if isinstance(now, Estimator):

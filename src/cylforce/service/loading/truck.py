@@ -64,7 +64,7 @@ class Ruling:
 
     truck:   after the command
     verdict: 0: done; else the SDO abort code
-    words:   what was decided
+    words:   the decision, for a person
     """
 
     truck: Truck

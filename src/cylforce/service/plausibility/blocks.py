@@ -1,7 +1,7 @@
 """Blocks of one second of motion as evidence for a load alone, or for a load and a constant error of a signal.
 
-The residual torque of the identified machine is explained, as in `service/recognition.py`, by a load of the block's
-own, and by the usual changes of friction and pressure zeros. For each signal one column is added: the torque per unit
+As in `service/recognition.py`, a load of the block's own and the usual changes of friction and pressure zeros explain
+the residual torque of the identified machine. For each signal one column is added: the torque per unit
 of a constant error of it. The squared residual is then a parabola in the size of that error. A block is stored as the
 three coefficients of that parabola, and the load's mass."""
 

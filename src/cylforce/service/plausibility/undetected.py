@@ -1,7 +1,7 @@
 """Undetected bias: the probable error of each signal that no detector finds, and its effect on weight and force.
 
-Every signal has an error. Large errors are detected. For smaller ones the probable size is the one that explains the
-torques of all joints best, beside a load of its own in each lift and the usual changes of friction and zeros. A load
+Every signal has an error. Large errors are detected. The probable size of a smaller one explains the torques of all
+joints best, beside a load of its own in each lift and the usual changes of friction and zeros. A load
 explains nearly as much, so that this size is hardly ever evidence, although it changes the load's mass. These changes,
 of each signal by itself, are a part of the standard errors of weight and force.
 
