@@ -1,5 +1,5 @@
-"""The running service as a pure function of events: frames to samples, weighing, force, adaptation, publication.
+"""Running service as an object that depends on events only: samples, weighing, force, adaptation, publication.
 
-Work here to change what the service computes or publishes from tick to tick; `step.step` is the entry. No clock, no
-socket, no file: live operation and replay call the same function.
+Work here to change the quantities that the service computes or publishes at a tick. `service.WeighingService` is the
+entry. It uses no clock, socket or file: live operation and replay call the same methods.
 """

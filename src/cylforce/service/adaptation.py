@@ -1,13 +1,14 @@
 """Slow adaptation in service: friction and pressure zeros follow temperature and wear, while the bucket returns empty.
 
-The parameters identified at commissioning remain the reference; only their drift is estimated. What sticks in the
-bucket is unknown: a usual amount, which is the same in all returns, and a deviation from it, another one in every
-return. Both are estimated beside the drift, so that only what no load explains is taken for a drift. The prior of the
-usual amount counts once, however many returns there are.
+The parameters identified at commissioning remain the reference; only their drift is estimated. The carry-back is
+unknown: a usual amount, which is the same in all returns, and a deviation of its own in every return. Both are
+estimated beside the drift, so that a residual that a load explains does not become drift. The prior of the usual amount
+counts once, however many returns there are.
 
-All cylinders have the same oil: a friction that has changed is evidence for the others, too, which a return may hardly
-excite. The recursive least squares forget only what the present motion measures, so that nothing changes while the
-machine is parked. The drift is limited to what is physically possible, and is also given in kilograms."""
+All cylinders have the same oil. A changed friction of one cylinder is therefore evidence for the others, which a return
+may hardly excite. The recursive least squares fade old information only in the directions that the present motion
+measures, so that nothing changes while the machine is parked. The drift is limited to its physical range, and is also
+computed in kilograms."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -34,18 +35,18 @@ STROKE_SECONDS = 3.0  # s, duration of a typical stroke, over which model errors
 EVERY = 5  # steps between updates, because neighbouring samples contain the same information; chosen
 ZERO_LIMIT = 6e5  # Pa, limit of a pressure's zero drift; chosen
 FRICTION_RANGE = (0.1, 10.0)  # times the identified friction: limits of the adapted friction, of oil from 0 to 100 degC
-PRIOR_COUNT = 1.0  # measurements that the prior spread of the drift is worth; chosen: one
-# times the rated payload: what usually sticks in a bucket before anything is seen of it, mean and standard error; by
-# how much a return deviates from that. On machines of either simulator 0.7 +- 0.5 % sticks, the error from return to
-# return. The mean is lower: a clean bucket must not cost a kilogram. Both errors together are 0.8 %, of the first one.
+PRIOR_COUNT = 1.0  # number of measurements that count as much as the prior spread of the drift; chosen: one
+# times the rated payload: prior mean and standard error of the usual carry-back; standard deviation of a return from
+# it. On machines of either simulator the carry-back is 0.7 %, with 0.5 % from return to return. The prior mean is
+# lower, because a clean bucket must not read a kilogram less. Both errors together, of the first return, are 0.8 %.
 USUAL, UNUSUAL = (0.003, 0.006), 0.005
 LOAD = 4  # parameters of a load: m, m x, m z, J
-OWN = LOAD + 1  # unknowns before the drift: by how much a load deviates from the usual one, the usual amount
+OWN = LOAD + 1  # unknowns before the drift: deviation of the load from the usual one (4), the usual amount (1)
 SHOWN = 0.02  # share of the difference by which each update changes the drift in kilograms; chosen: smooths it
 
 
 class DriftKnowledge(Protocol):
-    """A drift as others use it: values (D,) and covariance (D, D)."""
+    """Interface of an estimated drift: values (D,) and covariance (D, D)."""
 
     @property
     def values(self) -> Array:
@@ -53,15 +54,15 @@ class DriftKnowledge(Protocol):
 
     @property
     def covariance(self) -> Array:
-        """Its covariance (D, D)."""
+        """Covariance (D, D) of the drift."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownDrift:
-    """A drift that does not change.
+    """Drift that does not change.
 
     values:     (D,) friction [N, N s/m], zeros [N]
-    covariance: (D, D) of it
+    covariance: (D, D) of the values
     """
 
     values: Array
@@ -70,20 +71,23 @@ class KnownDrift:
 
 @cache
 def no_drift(size: int) -> KnownDrift:
-    """Return a drift of so many parameters that is known to be zero."""
+    """Return a drift of `size` parameters that is zero without error."""
     return KnownDrift(np.zeros(size), np.zeros((size, size)))
 
 
 class DriftConstants(Constants):
-    """What the adaptation of one machine needs.
+    """Constants of the adaptation of one machine.
 
-    model, tares: of the machine
-    strokes:      how friction and zeros differ between strokes, where that is all by which they may have drifted; None:
-                  they are those of another day
-    spread:       (D,) prior standard errors of the drift
-    correlation:  (D, D) of it before anything is seen
-    layout:       places in an update
-    memory:       updates that count as one independent measurement
+    model:       of the machine
+    tares:       of the machine
+    strokes:     spread of friction and zeros between strokes, if they may have drifted by that only; None: they may
+                 have drifted as from day to day
+    spread:      (D,) prior standard errors of the drift
+    correlation: (D, D) prior correlation of the drift
+    deviation:   (4,) standard errors of a return's load less the usual one [kg, kg m, kg m, kg m^2]
+    usual:       (4,) load of one kilogram of the usual amount
+    layout:      names of the places in the kernel's results
+    memory:      number of updates that count as one independent measurement
     """
 
     def __init__(
@@ -96,7 +100,7 @@ class DriftConstants(Constants):
             self.spread = drift_spread(model, tares.values, strokes)
             self.correlation = np.eye(len(self.spread))
         machine, reach = model.machine, model.machine.payload_reach
-        # standard errors (4,) of what remains in one return less the usual load: anywhere in the bucket
+        # standard errors (4,) of the carry-back of one return less the usual load, anywhere in the bucket
         self.deviation = UNUSUAL * machine.rated_payload * np.array([1.0, reach, reach, reach**2], dtype=np.float64)
         # load (4,) of one kilogram of the usual amount: in the middle of the bucket
         self.usual = np.array([1.0, 0.5 * reach, 0.0, 0.25 * reach**2], dtype=np.float64)
@@ -106,7 +110,7 @@ class DriftConstants(Constants):
         self.plan = self._plan()
 
     def _limits(self) -> tuple[Array, Array]:
-        """Return the least and the largest drift (D,)."""
+        """Return the smallest and the largest drift (D,)."""
         friction = np.abs(self.tares.values[self.model.changing_friction])
         zero = np.array([ZERO_LIMIT * c.area_head for c in self.model.machine.cylinders])
         low = np.concatenate([(FRICTION_RANGE[0] - 1.0) * friction, -zero])
@@ -115,10 +119,10 @@ class DriftConstants(Constants):
     def _plan(self) -> KernelDrift:
         """Return the kernel's form of the adaptation.
 
-        The spread of the drift is that of this machine: k^2 (2,) of friction and of zeros, one step of expectation
-        maximisation an update, as between strokes (`commissioning.zeros`). A drift that was not excited leaves k as it
-        is. The priors of drift and usual amount are no part of the root: they are not forgotten, nor do they grow where
-        nothing is excited."""
+        The spread of the drift is fitted to this machine: k^2 (2,) of friction and of zeros, with one step of
+        expectation maximisation per update, as between strokes (`commissioning.zeros`). A drift that was not excited
+        does not change k. The priors of drift and usual amount are no part of the root, so that they neither fade nor
+        grow where nothing is excited."""
         model, r = self.model, len(self.model.machine.rows)
         k, n, places = len(model.filtered.regressor.names), OWN + len(self.spread), np.argwhere(model.load)
         keep = 1.0 - EVERY / (MEMORY_SECONDS * model.filters.rate_hz)
@@ -139,17 +143,17 @@ class DriftFilter(Estimator):
     """Recursive least squares of the drift of friction and pressure zeros.
 
     constants:  of the machine
-    root:       information about the load that remains in the bucket and the drift (5 + D): deviation from the usual
-                load (4), with its prior; usual amount [kg] and drift (D), without
+    root:       information about carry-back and drift (5 + D): deviation from the usual load (4), including its prior;
+                usual amount [kg] and drift (D), without their priors
     values:     (D,) drift, added to the tares: Coulomb and viscous friction, then pressure zeros
     covariance: (D, D) of the drift
     scale:      (2,) variance of friction and of zeros in units of the prior's
-    waited:     steps since the last update
-    mass:       what the empty bucket would show without the adaptation [kg]
-    following:  whether this instant was usable; else nothing changes
-    seen:       whether the information is in part about what remains in the bucket now
+    waited:     number of steps since the last update
+    mass:       weight that the empty bucket would show without the adaptation [kg]
+    following:  whether the last instant was usable; else nothing changes
+    seen:       whether the root contains information about the present carry-back
     updates:    number of updates
-    returned:   whether they are one measurement or more, or no drift was expected
+    returned:   whether the updates count as one measurement or more, or only a drift between strokes is expected
     """
 
     constants: DriftConstants
@@ -184,7 +188,7 @@ class DriftFilter(Estimator):
         )
 
     def pause(self) -> None:
-        """Begin another return: the bucket was not empty, so that by how much the next one deviates is unknown.
+        """Begin another return, because the bucket was not empty: the next return has an unknown deviation of its own.
 
         The triangle of the root lists the deviation first, so that its lower part is the information about the usual
         amount and the drift when the deviation is unknown."""
@@ -197,11 +201,11 @@ class DriftFilter(Estimator):
         self.root, self.seen = Root(factor, right), False
 
     def update(self, residual: InstantResidual, usable: Numbers) -> None:
-        """Take one instant with an empty bucket in the air.
+        """Update the drift with one instant with an empty bucket in the air.
 
         Rows at very low speed are not used: break-away friction would appear there as a pressure zero and, with the
-        opposite sign, as Coulomb friction. A boom that always moves down while the bucket is empty shows only the sum
-        of both, so that such an error would remain.
+        opposite sign, as Coulomb friction. A boom that always moves down while the bucket is empty determines only the
+        sum of both, so that such an error would remain.
 
         residual: of tares and drift
         usable:   (R,) 1 where a row can be used

@@ -1,4 +1,4 @@
-"""Frames to samples: the last value of every signal, its age, and the reason when it is not usable."""
+"""Samples from frames: the last value of every signal, its age, and the reason when it is not usable."""
 
 from array import array
 from collections.abc import Callable, Iterable, Sequence
@@ -37,17 +37,17 @@ FASTEST = {
     Kind.ROLL: 3.0,
 }
 
-# Angles of joints: they may be read beyond the range, a turn away. A chassis' tilt beyond its range is a fault.
+# Angles of joints may read a whole turn away from their range. A tilt of the chassis beyond its range is a fault.
 TURNED = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
 
 
 @dataclass(frozen=True, slots=True)
 class MappedPdo:
-    """A sensor's PDO as frames of it are read.
+    """Sensor's PDO, for decoding its frames.
 
     number: of the PDO, in the order of `Supervisor.pdos`
-    size:   bytes of its data
-    unpack: gives its items, as numbers on the bus
+    size:   number of bytes of its data
+    unpack: function that returns its items, as numbers on the bus
     """
 
     number: int
@@ -57,11 +57,11 @@ class MappedPdo:
 
 @dataclass(frozen=True, slots=True)
 class FrameOrder:
-    """How frames in one order of identifiers are read at once.
+    """Plan for decoding frames with one order of identifiers together.
 
-    sorts:  of each frame the number of its PDO and 0, as the kernel takes them
-    sizes:  bytes of each frame's data
-    layout: of the data of all frames, one after the other
+    sorts:  number of each frame's PDO and 0 (length as mapped), as the kernel takes them
+    sizes:  number of bytes of each frame's data
+    layout: of the concatenated data of all frames
     """
 
     sorts: Counts
@@ -70,15 +70,17 @@ class FrameOrder:
 
 
 class AssemblerConstants(Constants):
-    """What is known of the sensors of one machine file.
+    """Constants of the sensors of one machine file.
 
-    service:    its settings
-    supervisor: nodes and identifiers
+    service:    settings of the machine file
+    supervisor: nodes and identifiers that are supervised
     decoders:   of the sensors' PDOs, by CAN identifier
-    layout:     names for the places in the kernel's array
+    layout:     names of the places in the kernel's array
     unwrapping: adds whole turns to angles
     still:      (S,) `moving` of `Assembler.receive` while nothing moves
-    orders:     how frames with given identifiers are read: those of a tick come in an order that hardly changes
+    fine:       (S,) reasons of a sample without an unusable signal
+    mapped:     sensors' PDOs, by CAN identifier
+    orders:     function that returns the cached plan for an order of identifiers, which hardly changes between ticks
     """
 
     def __init__(self, service: Service) -> None:
@@ -101,7 +103,7 @@ class AssemblerConstants(Constants):
         self.orders = lru_cache(maxsize=64)(self._order)
 
     def _order(self, ids: tuple[int, ...]) -> FrameOrder | None:
-        """Return how frames with these identifiers are read; None where one of them is no sensor's."""
+        """Return the plan for frames with these identifiers; None where one of them is no sensor's."""
         if not set(ids) <= set(self.mapped):
             return None
         found = [self.mapped[can_id] for can_id in ids]
@@ -125,7 +127,7 @@ class AssemblerConstants(Constants):
         senders = [watcher.periods_us, watcher.patience_us]
         fastest = [FASTEST.get(s.kind, inf) for s in machine.signals]
         periods = [s.period_s for s in machine.signals]
-        # what noise and digits change a value by [SI]
+        # largest change of a value by noise and quantisation [SI]
         noise = [6.0 * s.standard_error + 2.0 * step for s, step in zip(machine.signals, quantum, strict=True)]
         late = [1e6 * LATE_PERIODS * s.period_s for s in machine.signals]
         turns = [TURN if s.kind in ANGLES else 0.0 for s in machine.signals]
@@ -134,7 +136,7 @@ class AssemblerConstants(Constants):
         return self.kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
 
     def _quantum(self) -> list[float]:
-        """Return the step of the integer that carries each signal [SI]; 0 where none does."""
+        """Return the resolution (S,) of the integer that carries each signal [SI]; 0 where none does."""
         fields = (f for node in self.service.nodes for pdo in node.pdos for f in pdo.fields)
         step = {f.signal: f.scale for f in fields if f.code != "f"}
         return [step.get(signal.name, 0.0) for signal in self.service.machine.signals]
@@ -142,7 +144,7 @@ class AssemblerConstants(Constants):
 
 @dataclass(slots=True)
 class Assembler(Estimator):
-    """The last value of every signal.
+    """Last value of every signal.
 
     constants: of the sensors
     state:     of all signals, PDOs and nodes, and frame counters, as the kernel keeps them (`InputLayout`)
@@ -166,9 +168,10 @@ class Assembler(Estimator):
         return made
 
     def receive(self, frames: Sequence[Frame], moving: Numbers | None = None) -> None:
-        """Judge frames: length and range are checked, unknown identifiers are counted.
+        """Decode frames, check their lengths and ranges, and count unknown identifiers.
 
-        moving: (S,) not 0 where the machine moves so that an equal value means a frozen sensor; None: nothing moves
+        frames: in the order of their reception
+        moving: (S,) not 0 where an equal value means a frozen sensor, because the machine moves; None: nothing moves
         """
         if not frames:
             return
@@ -183,7 +186,7 @@ class Assembler(Estimator):
             self._judge(order.sorts, times, order.layout.unpack(b"".join(parts)), moving)
 
     def _receive_with_unknown(self, frames: Sequence[Frame], moving: Numbers) -> None:
-        """Judge frames some of which are no sensor's; those between them are judged together."""
+        """Decode frames some of which are no sensor's; successive frames of sensors are decoded together."""
         begin = 0
         for k, frame in enumerate(frames):
             if frame.can_id not in self.constants.mapped:
@@ -193,7 +196,7 @@ class Assembler(Estimator):
         self.receive(frames[begin:], moving)
 
     def _receive_one_by_one(self, frames: Sequence[Frame], moving: Numbers) -> None:
-        """Judge frames some of which are shorter or longer than their mapping."""
+        """Decode frames some of which are shorter or longer than their mapping."""
         for frame in frames:
             pdo = self.constants.mapped[frame.can_id]
             longer = len(frame.data) - pdo.size
@@ -201,17 +204,18 @@ class Assembler(Estimator):
             self._judge(sorts, (frame.t_us,), pdo.unpack(frame.data) if longer >= 0 else (), moving)
 
     def _judge(self, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers) -> None:
-        """Judge frames of sensors.
+        """Update the state with frames of sensors.
 
-        sorts: of each frame its PDO's number, then -1, 0, 1: too short, as mapped, too long
-        times: of each frame [us]
-        raw:   items of all frames, as numbers on the bus
+        sorts:  number of each frame's PDO, then -1, 0, 1: too short, as mapped, too long
+        times:  of each frame [us]
+        raw:    items of all frames, as numbers on the bus
+        moving: (S,) not 0 where an equal value means a frozen sensor
         """
         constants, size = self.constants, len(sorts) // 2
         constants.kernel.receive(constants.plan, self.state, sorts, size, array("d", times), array("d", raw), moving)
 
     def _receive_unknown(self, frame: Frame) -> None:
-        """Count a frame that is no sensor's PDO: a heartbeat, one with our identifiers, any other."""
+        """Count a frame that is no sensor's PDO, and update the state with a heartbeat or one of our identifiers."""
         layout, supervisor = self.constants.layout, self.constants.supervisor
         node = supervisor.nodes.get(frame.can_id)
         if node is not None and len(frame.data) == 1:
@@ -221,7 +225,7 @@ class Assembler(Estimator):
         self.state[layout.unknown] += 1.0
 
     def restart(self, node_id: int) -> None:
-        """Discard everything from a sensor node that booted; its signals are used again after enough good values."""
+        """Discard the values of a sensor node that booted; its signals are used again after enough good values."""
         constants, layout = self.constants, self.constants.layout
         for number, node in enumerate(constants.service.nodes):
             if node.node_id == node_id:
@@ -236,7 +240,7 @@ class Assembler(Estimator):
         self.state[place] = numbers(astuple(what))
 
     def sample(self, t_us: int) -> Sample:
-        """Return the sample at a tick. Angles have the whole turns that the joints allow.
+        """Return the sample at a tick, with unwrapped angles.
 
         The last value of a signal that is late or was refused is used for `hold_s`; after that it is invalid."""
         constants, place = self.constants, self.constants.sample
@@ -249,7 +253,7 @@ class Assembler(Estimator):
 
     @property
     def leapt(self) -> tuple[int, ...]:
-        """Signals that leapt and stayed there: a joint, or the machine, is not where they say, now or before."""
+        """Numbers of the signals that have stepped: their values before or after the step are wrong."""
         found = self.constants.still[:]
         self.constants.kernel.leapt(self.constants.plan, self.state, found)
         return tuple(k for k, leapt in enumerate(found) if leapt)
@@ -260,30 +264,30 @@ class Assembler(Estimator):
         return self.state[self.constants.layout.arrivals]
 
     def ages(self, t_us: int) -> tuple[float, ...]:
-        """Return the age (S,) [s] of each value at a time; infinite where there never was one."""
+        """Return the age (S,) [s] of each signal's value at a time; infinite without a value."""
         return tuple(1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in self.channels)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """The state of all signals."""
+        """State of each signal."""
         layout = self.constants.layout
         return tuple(Channel(*self.state[layout.signal(k)]) for k in range(layout.signals))
 
     @property
     def pdos(self) -> tuple[PdoRate, ...]:
-        """The state of all PDOs, in the order of `Supervisor.pdos`."""
+        """Rate of each PDO, in the order of `Supervisor.pdos`."""
         layout = self.constants.layout
         return tuple(PdoRate(*self.state[layout.pdo(k)]) for k in range(layout.pdos))
 
     @property
     def nodes(self) -> tuple[LastHeartbeat, ...]:
-        """The state of all nodes."""
+        """Last heartbeat of each node."""
         layout = self.constants.layout
         return tuple(LastHeartbeat(*self.state[layout.node(k)]) for k in range(layout.nodes))
 
     @property
     def counters(self) -> FrameCounters:
-        """Numbers of frames that were not as expected."""
+        """Numbers of unexpected frames."""
         layout, state = self.constants.layout, self.state
         return FrameCounters(state[layout.unknown], state[layout.short], state[layout.long])
 
@@ -293,11 +297,11 @@ class Assembler(Estimator):
         return self.state[self.constants.layout.long_us]
 
     def spoofed(self, t_us: int) -> bool:
-        """Return whether another node sends our identifiers."""
+        """Return whether another node has sent one of our identifiers in the last QUIET_US."""
         return abs(t_us - self.state[self.constants.layout.foreign_us]) < QUIET_US
 
     def doubled(self, t_us: int) -> tuple[Pdo, ...]:
-        """Return the PDOs that more than one node sends."""
+        """Return the PDOs that more than one node has sent in the last QUIET_US."""
         constants = self.constants
         last = self.state[constants.layout.second_us]
         pdos = constants.supervisor.pdos
@@ -305,5 +309,5 @@ class Assembler(Estimator):
 
 
 def assembler(service: Service) -> Assembler:
-    """Return the inputs of a machine file's sensors before any frame."""
+    """Return the state of a machine file's sensors before any frame."""
     return Assembler.start(AssemblerConstants(service))

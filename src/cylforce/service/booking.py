@@ -1,8 +1,7 @@
-"""From weights to bookings: which weight of a lift is booked, what remained in the bucket, and what left it.
+"""Bookings from weights: the weight of a lift that is booked, the carry-back, and the dumped mass.
 
-Errors of tares, friction and zeros are the same while a load is lifted and while the bucket returns, as far as they do
-not change from one to the other: the sensitivities of both weights to them are kept, so that the difference of both is
-better known than either."""
+A lift and its return have nearly the same errors of tares, friction and zeros. The sensitivities of both weights to
+these errors are kept, so that the difference of both weights is more accurate than either."""
 
 from dataclasses import dataclass, replace
 from math import sqrt
@@ -18,28 +17,28 @@ from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.estimate import Array, Booking
 from cylforce.signals.units import DEGREE
 
-DUMPING = 0.7  # of a grab's load: what is less than that is on its way out; chosen: spills are smaller, dumps larger
+DUMPING = 0.7  # share of a grab's load below which it is being dumped; chosen: spills are smaller, dumps larger
 REPOSE = 35.0 * DEGREE  # by which a bucket tilts to empty: angle of repose of loose soil and gravel, 30 to 40 deg
-GONE = -1  # in place of the samples in motion: the bucket has been seen empty since, but not certainly enough
+GONE = -1  # in place of the samples in motion: an empty bucket was detected since, but not accurately enough
 AGREES = 3.0  # standard errors within which two weights of one lift are the same; chosen
 REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptied and filled again; chosen
-# s for which a lift must go on before a weight of it is booked: as long as it takes to end one (weighing.PATIENCE_S)
+# s for which a lift must continue after a weight that is booked: the time that ends a lift (weighing.PATIENCE_S)
 LATER_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Weighed:
-    """A weight at some instant of a lift.
+    """Weight at an instant of a lift.
 
-    mass:    as it would be without drift [kg]
-    noise:   variance of what averages out within the lift [kg^2]
+    mass:    without correction of the drift [kg]
+    noise:   variance by the noise of the rows, which averages out within the lift [kg^2]
     gain:    (P,) change of the mass per unit of each tare
     drifted: (D,) change of the mass per unit of each drift
-    moving:  number of samples in motion on which it is based
-    tilt:    angle of the tool to the house when this load was first weighed [rad]; None where the tool empties
-             without tilting
+    moving:  number of samples in motion on which the weight is based
+    tilt:    angle of the tool to the house at the first weight of this load [rad]; None where the tool empties without
+             tilting
     slopes:  (H,) change of the mass per unit of an undetected error of each signal; None: not known
-    hung:    angle of the tool when this load began to hang [rad]
+    hung:    angle of the tool to the house at the start of this load [rad]
     """
 
     mass: float
@@ -52,14 +51,14 @@ class Weighed:
     hung: float | None = None
 
     def corrected(self, drift: DriftKnowledge) -> float:
-        """Return the mass [kg] with the drift as it is known now."""
+        """Return the mass [kg] corrected by the present estimate of the drift."""
         return self.mass - float(self.drifted @ drift.values)
 
 
 def weighed(lift: Lift, parameters: int, tilt: float | None, slopes: Array | None) -> Weighed:
     """Return the present weight of a lift.
 
-    parameters: P
+    parameters: P, number of tares
     tilt:       present angle of the tool to the house [rad]
     slopes:     as in `Weighed`
     """
@@ -81,10 +80,9 @@ def weighed(lift: Lift, parameters: int, tilt: float | None, slopes: Array | Non
 class ProbableErrors:
     """Errors of H signals that explain the torques best.
 
-    sizes:   (H,) of the errors
-    certain: (H,) root of the square less its variance: the mean square of an error without noise; 0: less than
-             noise
-    off:     probability that any signal is off
+    sizes:   (H,) sizes of the errors
+    certain: (H,) square root of an error's square less its variance: its part beyond noise; 0: no more than noise
+    off:     probability that any signal has an error
     """
 
     sizes: Array
@@ -93,23 +91,23 @@ class ProbableErrors:
 
     @property
     def expected(self) -> Array:
-        """Root of the mean square (H,) of each error: as large as it seems if a signal is off, else nothing."""
+        """Root mean square (H,) of each error: its size with the probability `off`, else 0."""
         return np.asarray(sqrt(self.off) * self.sizes)
 
     @property
     def expected_certain(self) -> Array:
-        """Root of the mean square (H,) of the certain part of each error."""
+        """Root mean square (H,) of the certain part of each error."""
         return np.asarray(sqrt(self.off) * self.certain)
 
 
 @dataclass(frozen=True, slots=True)
 class Missed:
-    """A load that was lifted and will not be booked.
+    """Loads that were lifted and will not be booked.
 
-    number:      how many there were
+    number:      of these loads so far
     mass:        of the last one [kg]
-    interrupted: whether the measurement was interrupted; else the empty bucket was not seen clearly enough before the
-                 next load
+    interrupted: whether the cause was an interruption; else the weight of the empty bucket was not accurate enough
+                 before the next load
     """
 
     number: int
@@ -139,17 +137,18 @@ class Variances:
 
     @property
     def total(self) -> float:
-        """Their sum."""
+        """Sum of all parts [kg^2]."""
         return self.noise + self.tares + self.drift + self.scale + self.undetected
 
 
 class BookingConstants(Constants):
-    """What the booking of one machine needs.
+    """Constants of the booking of one machine.
 
     tares:      of the machine
     rated:      rated payload [kg]
     parameters: P, number of tares
-    every:      samples of a lift between two weights that are noted
+    every:      number of samples of a lift between two weights for bookings
+    reported:   tares with the reported error of the scale
     """
 
     def __init__(self, tares: Tares, rated: float, rate_hz: float) -> None:
@@ -158,7 +157,13 @@ class BookingConstants(Constants):
         self.reported = tares._replace(scale_error=tares.reported_scale_error)
 
     def variances(self, weight: Weighed, drift: DriftKnowledge, tares: Tares, sizes: Array | None = None) -> Variances:
-        """Return the parts of the variance of the corrected mass; signals are off by `sizes` (H,), each by itself."""
+        """Return the parts of the variance of the corrected mass.
+
+        weight: at an instant of a lift
+        drift:  of friction and zeros
+        tares:  with the error of the scale that counts
+        sizes:  (H,) independent errors of the signals; None: not known
+        """
         slopes = weight.slopes
         return Variances(
             noise=weight.noise,
@@ -173,13 +178,18 @@ class BookingConstants(Constants):
         return sqrt(self.variances(weight, drift, self.tares).total)
 
     def reported_error(self, weight: Weighed, drift: DriftKnowledge, sizes: Array | None) -> float:
-        """Return the standard error [kg] with what else is reported: the common scale of all pressures, and signals
-        that are off by `sizes` (H,)."""
+        """Return the reported standard error [kg] of the corrected mass.
+
+        It also contains the error of the common scale of all pressures, and `sizes` (H,), errors of the signals."""
         return sqrt(self.variances(weight, drift, self.reported, sizes).total)
 
 
 def difference(lifted: Weighed, left: Weighed) -> Weighed:
-    """Return what left the bucket, without the errors that both weights have in common."""
+    """Return the dumped weight, whose sensitivities contain only the errors that both weights do not have in common.
+
+    lifted: weight of the load
+    left:   weight of the carry-back
+    """
     both = None if lifted.slopes is None or left.slopes is None else lifted.slopes - left.slopes
     return Weighed(
         mass=lifted.mass - left.mass,
@@ -196,14 +206,14 @@ class Bookings(Estimator):
     """State of the booking.
 
     constants:   of the machine
-    newest:      newest weight of the present lift
-    candidate:   weight of a loaded bucket that is booked when the bucket is seen empty
-    dumped:      loaded weight that was booked last, while the bucket returns
-    booking:     the last booking
-    missed:      the last load that is not booked
+    newest:      newest weight of the present lift; None: none yet
+    candidate:   weight of a loaded bucket that is booked at the next detection of an empty bucket; None: none
+    dumped:      loaded weight that was booked last, while the bucket returns; else None
+    booking:     the last booking; None: none yet
+    missed:      loads that are not booked
     seen_us:     time of the last measurement [us]; None: none yet
-    remembered:  whether the candidate is from before an interruption, so that it may be gone
-    withheld:    whether bookings wait, because it is not certain that the sensors agree
+    remembered:  whether the candidate is from before an interruption, so that its load may have left the bucket
+    withheld:    whether bookings wait, because the monitor has evidence of a sensor fault
     probable:    errors of the signals; None: not known
     unconfirmed: whether the parameters may be another machine's
     """
@@ -226,23 +236,23 @@ class Bookings(Estimator):
         return cls(constants)
 
     def seen(self, t_us: int) -> None:
-        """Note the time [us] of a measurement. After a long pause the bucket may be another one's."""
+        """Update the time [us] of the last measurement; discard the load after a pause longer than REFILL_S."""
         if self.seen_us is not None and not 0 <= t_us - self.seen_us <= 1e6 * REFILL_S:
             self.lose_sight()
         self.seen_us = t_us
 
     def end_lift(self) -> None:
-        """A lift has ended."""
+        """Discard the weights of a lift that has ended."""
         self.newest = self.dumped = None
 
     def change_load(self) -> None:
-        """The load has changed while it hung: any later weight of it is better."""
+        """Handle a change of the load in the air: any later weight replaces the candidate."""
         self.end_lift()
         if self.candidate is not None:
             self.candidate = replace(self.candidate, moving=0)
 
     def lose_sight(self) -> None:
-        """The bucket may have been emptied and filled again: it is not known when, and whether, the load left it."""
+        """Report the candidate as missed, because the bucket may have been emptied and filled again unobserved."""
         if self.candidate is not None:
             self._miss(self.candidate.mass, interrupted=True)
         self.newest = self.candidate = self.dumped = None
@@ -252,10 +262,10 @@ class Bookings(Estimator):
         self.missed = Missed(self.missed.number + 1, mass, interrupted)
 
     def update(self, weight: Weighed, t_us: int, drift: DriftKnowledge) -> None:
-        """Take the present weight of a lift that has gone on.
+        """Update the bookings with the present weight of a lift that has continued.
 
-        The newest weight before it is now known to be one of a load that hung. It is the candidate for booking, or it
-        shows that the bucket is empty."""
+        The weight before it is now confirmed as that of a hanging load. It becomes the candidate for booking, or it is
+        that of an empty bucket, and the candidate is booked."""
         settled, self.newest, rated = self.newest, weight, self.constants.rated
         if settled is None or settled.noise > (GOOD_ENOUGH * rated) ** 2:
             return
@@ -272,34 +282,39 @@ class Bookings(Estimator):
             self._book(lifted, settled, t_us, drift)
 
     def _has_left(self, lifted: Weighed, left: Weighed, drift: DriftKnowledge) -> bool:
-        """Return whether the bucket has lost more than the error of what it lost.
+        """Return whether the dumped mass exceeds AGREES of its standard errors.
 
-        One mass near SMALLEST may read as a load and a moment later as an empty bucket: nothing has left it."""
+        A mass near SMALLEST may first read as a load and then as an empty bucket, although nothing has left it."""
         by = lifted.corrected(drift) - left.corrected(drift)
         return by > AGREES * self.constants.error(difference(lifted, left), drift)
 
     def _is_known(self, lifted: Weighed, left: Weighed, drift: DriftKnowledge) -> bool:
-        """Return whether the lifted weight is known well enough, also if any one signal is off by the certain part of
-        its error, and what is `left` in the bucket, or what left it, is, too.
+        """Return whether the weights are accurate enough for a booking.
 
-        The scale counts as far as the data sheet of cylinders, pins and sensors bounds it. What only the masses bound
-        is the same in every lift, and no later lift could do better: it is in the booked standard error, and withholds
-        nothing."""
+        The lifted weight must be, also if any one signal has the certain part of its error. So must be either the
+        carry-back `left` in the bucket or the dumped weight.
+
+        The error of the scale counts as far as the data sheet of cylinders, pins and sensors bounds it. The part that
+        only the masses bound is the same in every lift, so that no later lift is more accurate. It is in the booked
+        standard error, but withholds no booking."""
         error, enough = self.constants.error, GOOD_ENOUGH * self.constants.rated
         if error(lifted, drift) > enough or self._certain_error(lifted.slopes) > enough:
             return False
         return min(error(left, drift), error(difference(lifted, left), drift)) <= enough
 
     def _certain_error(self, slopes: Array | None) -> float:
-        """Return the error [kg] that is certain if one signal is off, the one with the largest effect. The signals
-        explain the same torques, so that it is one of them and not all."""
+        """Return the largest error [kg] of a weight by the certain part of one signal's error.
+
+        The errors of the signals explain the same torques, so that one of them counts and not their sum."""
         if slopes is None or self.probable is None:
             return 0.0
         return float(np.abs(slopes * self.probable.expected_certain).max(initial=0.0))
 
     def _pass(self, now: Weighed, drift: DriftKnowledge) -> None:
-        """Report the candidate as not booked if `now` is another load: the bucket has been seen empty between them, but
-        not clearly; or it has turned as for a dump that was not seen; or the measurement was interrupted."""
+        """Report the candidate as missed if `now` is the weight of another load.
+
+        It may be that of another load if an empty bucket was detected between them, but not accurately enough; if the
+        bucket has turned as for an unobserved dump; or if the measurement was interrupted."""
         before = self.candidate
         if before is None:
             return
@@ -314,11 +329,10 @@ class Bookings(Estimator):
         self._miss(before.corrected(drift), interrupted=self.remembered)
 
     def _better(self, now: Weighed, drift: DriftKnowledge) -> Weighed:
-        """Return the weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load
-        since.
+        """Return the weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load.
 
-        A load that is being dumped is on its way out; one that has become smaller in the bucket as it hung before is a
-        new one: a part was tipped off."""
+        A smaller load that is being dumped does not replace the candidate. A load that has become smaller without a
+        dump does, because a part of it was lost."""
         before = self.candidate
         if before is None or before.moving == GONE:
             return now
@@ -331,8 +345,9 @@ class Bookings(Estimator):
         return replace(now, tilt=before.tilt) if now.moving >= before.moving else before
 
     def _book(self, lifted: Weighed, left: Weighed, t_us: int, drift: DriftKnowledge) -> None:
-        """Book the candidate. While the bucket returns, the booking becomes more precise: what remained in it and how
-        friction and zeros have drifted is known better and better."""
+        """Book the candidate, or refine its booking while the bucket returns.
+
+        The estimates of the carry-back and of the drift of friction and zeros improve during the return."""
         last = self.booking
         if last is None:
             number = 1
@@ -356,20 +371,20 @@ class Bookings(Estimator):
 
 
 def leaves(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
-    """Return whether a smaller load is the rest of the one before, which is being dumped.
+    """Return whether a smaller load `now` is the remainder of the load `before`, which is being dumped.
 
-    The tool turned by more than REPOSE from where that one was weighed until this one hung, and is still turned. A
-    wheel loader's bucket turns as far in the heap, while it curls; what is weighed there is weighed late, that one with
-    the bucket curled."""
+    The tool has turned by more than REPOSE from the weight `before` to the start of the load `now`, and has not turned
+    back. A wheel loader's bucket turns as far in the heap, while it curls; but its loads are weighed after that, with
+    the bucket curled. A tool that empties without tilting is being dumped below DUMPING of the load before."""
     if before.tilt is None or now.hung is None:
         return now.corrected(drift) < DUMPING * before.corrected(drift)
     return abs(now.hung - before.tilt) > REPOSE and not turned_and_back(before, now)
 
 
 def turned_and_back(before: Weighed, now: Weighed) -> bool:
-    """Return whether the tool had turned by more than REPOSE when this load began to hang, and has turned back.
+    """Return whether the tool had turned by more than REPOSE at the start of the load `now`, and has turned back.
 
-    The load may be the next one, the dump of the one before not having been seen, or what a partial dump spared."""
+    This load may be the next one after an unobserved dump, or the remainder of a partial dump."""
     if before.tilt is None or now.hung is None or now.tilt is None:
         return False
     return abs(now.hung - before.tilt) > REPOSE >= abs(now.tilt - before.tilt)

@@ -1,5 +1,6 @@
-"""Frames that the service acts on itself: zero, tare and the truck's commands by SDO, NMT commands to our node, boot-up
-messages of sensors."""
+"""Frames on which the service itself acts.
+
+They are zero, tare, tool and the truck's commands by SDO, NMT commands to our node, and boot-up messages of sensors."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -29,20 +30,20 @@ TARGET, PRODUCT, NEXT, CANCEL, ACCEPT = 1, 2, 3, 4, 5  # its sub-indices that ar
 NEXT_WORD = b"next"
 TOOL = 12  # the sub-index that chooses a tool by its number
 ADD = 13  # the one that adds a bucket by hand
-PART, TRAILER = 14, 15  # the ones that go on to the trailer or the next part of the truck, and that set its target
+PART, TRAILER = 14, 15  # the sub-indices that begin the trailer or the next part of the truck, and set its target
 COMMANDS = (TARGET, PRODUCT, NEXT, CANCEL, ACCEPT, ADD, PART, TRAILER)
 KG = 0.1  # kg, of the target's integer
-WRONG_VALUE = 0x06090030  # the same code: the written value is not the signature
+WRONG_VALUE = 0x06090030  # SDO abort code as TOO_FAR: the written value is not the signature
 FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download without size, or with size 4 (CiA 301)
 ZERO_RANGE = 0.02  # times the rated payload: a larger zero would hide a fault; chosen
 
 
 @dataclass(frozen=True, slots=True)
 class ScaleCommand:
-    """A zero or tare command.
+    """Zero or tare command.
 
-    what: which of both
-    data: the four bytes that were written: the signature, if it is right
+    what: "zero" or "tare"
+    data: the four bytes that were written; valid if they are the signature
     """
 
     what: Literal["zero", "tare"]
@@ -51,7 +52,7 @@ class ScaleCommand:
 
 @dataclass(frozen=True, slots=True)
 class LoadingCommand:
-    """A command about the truck.
+    """Command about the truck.
 
     sub:  sub-index of LOADING
     data: the four bytes that were written
@@ -63,7 +64,7 @@ class LoadingCommand:
 
 @dataclass(frozen=True, slots=True)
 class ToolCommand:
-    """Another tool is on the machine.
+    """Command that another tool is on the machine.
 
     number: of the tool
     """
@@ -79,7 +80,7 @@ class Answer:
     """Answer to a command.
 
     verdict: 0: done; else the SDO abort code
-    words:   what was decided and why
+    words:   the decision and its reason, for a person
     """
 
     verdict: int
@@ -102,8 +103,10 @@ NO_SCALE = Scale()
 
 
 def read(frame: Frame, node_id: int) -> Command | None:
-    """Return the command in an expedited SDO download of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12 to 15 of our
-    node; None for any other frame. A download of another length is refused by the SDO server itself."""
+    """Return the command in an SDO download to our node; None for any other frame.
+
+    Commands are expedited downloads of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12 to 15. The SDO server itself
+    refuses a download of another length."""
     if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
@@ -117,12 +120,14 @@ def read(frame: Frame, node_id: int) -> Command | None:
 
 
 def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> tuple[Scale, Answer]:
-    """Return zero and tare after a command, and its answer. It is refused unless the status of the weight is OK; a zero
-    also if it is too large.
+    """Return zero and tare after a command, and its answer.
 
-    scale: so far
-    mass:  present load before zero and tare [kg]
-    rated: rated payload [kg]
+    A command is refused unless the status of the weight is OK; a zero also if it is too large.
+
+    command: with the signature
+    scale:   before the command
+    mass:    present load before zero and tare [kg]
+    rated:   rated payload [kg]
     """
     what, limit = command.what, ZERO_RANGE * rated
     if command.data not in SIGNATURES[ZERO if what == "zero" else TARE]:
@@ -162,8 +167,12 @@ def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
 
 
 def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str, Answer]:
-    """Return the tool of `tools` that a number means, and the answer; the one that is `present` is chosen once more
-    without effect."""
+    """Return the tool with a number, and the answer. Choosing the present tool again has no effect.
+
+    number:  of the tool
+    tools:   names of all tools, by number
+    present: name of the present tool
+    """
     if number >= len(tools):
         known = ", ".join(f"{k} {name}" for k, name in enumerate(tools))
         return present, Answer(TOO_FAR, f"attachment refused: {number} is none of {known}")
@@ -173,10 +182,12 @@ def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str,
 
 
 def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
-    """Return the booking, by hand, of a bucket that was not weighed (None: refused), and the truck with it.
+    """Return the booking by hand of a bucket that was not weighed (None: refused), and the truck with it.
 
-    data: the four bytes that were written
-    last: booking so far
+    data:  the four bytes that were written: the mass
+    last:  last booking
+    t_us:  time [us]
+    truck: before the booking
     """
     mass, most = KG * int.from_bytes(data, "little", signed=True), LARGEST_TARGET
     if not 0.0 < mass <= most:
@@ -197,8 +208,9 @@ def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[B
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:
-    """Return True for an NMT command that stops our node (it then answers no SDO, and commands have no effect), False
-    for one that starts or resets it, None for any other frame."""
+    """Return True for an NMT command that stops our node, False for one that starts or resets it, else None.
+
+    A stopped node answers no SDO, and commands have no effect."""
     if frame.can_id != 0 or len(frame.data) != 2 or frame.data[1] not in (0, node_id):
         return None
     return {1: False, 2: True, 128: False, 129: False, 130: False}.get(frame.data[0])

@@ -1,4 +1,4 @@
-"""The settings of a service and its tares, with everything that is computed from them once."""
+"""Settings of a service and its tares, with all constants that are computed from them once."""
 
 from collections.abc import Mapping
 
@@ -21,15 +21,15 @@ TICK_SLACK = 0.5  # periods by which a tick may be early or late
 
 
 class Core(Constants):
-    """The settings of a service and its tares, and the constants of all estimators.
+    """Settings of a service and its tares, and the constants of all estimators.
 
     service:      settings of the machine file
     tares:        parameters of the empty machine
     attached:     tares with each other tool, by its name
     fitted:       the core with each tool, by its name
-    model:        whose parameters the tares are
-    adapts:       whether friction and zeros are adapted. Not for tares from the data sheet: the adaptation would follow
-                  their errors
+    model:        of the machine, whose parameters the tares are
+    adapts:       whether friction and zeros are adapted. They are not with tares from the data sheet, whose errors the
+                  adaptation would follow
     gross_limits: range of the published weight [kg]
     period_us:    fixed step [us]
     longest_step: largest time between two ticks [periods]; after a longer one the filters start again
@@ -50,7 +50,7 @@ class Core(Constants):
         self.base = BaseConstants(model, tares)
         self.load = LoadConstants(model, tares)
         self.bookings = BookingConstants(tares, service.machine.rated_payload, service.filters.rate_hz)
-        # without adaptation strokes differ as at commissioning; with it friction may follow the oil much farther
+        # without adaptation the drift has the spread between strokes; with it that from day to day, as of cold oil
         self.drift = DriftConstants(model, tares, None if self.adapts else tares.between_strokes)
         self.recognizer = RecognizerConstants(model, tares)
         self.force = ForceConstants(model, tares, magnitude.high, force_delay_s(service.filters, force_period_s))

@@ -1,5 +1,4 @@
-"""Interaction force: what the actuators had to supply beyond the tares is -(dP/dq)^T F
-(mechanics/README.md, section 8)."""
+"""Interaction force F: the residual torque after tares and drift is -(dP/dq)^T F (mechanics/README.md, section 8)."""
 
 from math import hypot
 
@@ -13,24 +12,28 @@ from cylforce.signals.units import STANDARD_GRAVITY
 
 BLIND = 0.3  # times the rated force: a component with a larger standard error is INVALID; chosen
 POOR = 0.05  # times the rated force: a component with a larger standard error is DEGRADED; chosen
-CLEAR = 3.0  # standard errors across it by which a force must be larger to have a direction; chosen
+CLEAR = 3.0  # times its standard error across: a smaller force has no direction; chosen
 
 
 def prior(machine: Machine, rated_force: float) -> Array:
-    """Return the information (T, T) on the force at the tool before it is measured: forces of the rated force, a moment
-    of that of a full payload."""
+    """Return the prior information (T, T) on force and moment at the tool.
+
+    Standard errors are the rated force, and for the moment that of a full payload. T is 3, or 2 (forces only) with
+    fewer than three measured torques."""
     moment = machine.rated_payload * STANDARD_GRAVITY * machine.payload_reach
     known = np.array([rated_force, rated_force, moment])
     return np.diag(known[: 3 if len(machine.rows) > 2 else 2] ** -2.0)
 
 
 class ForceSensor:
-    """Status of a force at the tool. With three measured torques: force and moment on the last link. With two: the
-    force at the known tooth line (the paper's method), without a moment.
+    """Status of a force at the tool.
+
+    With three measured torques force and moment on the last link are estimated. With two it is the force at the known
+    tooth line (the paper's method), without a moment.
 
     The estimate has a prior: forces with a standard error of the rated force, a moment with that of a full payload.
-    Therefore a singular pose or a missing row needs no special case: a direction that the pose does not show keeps this
-    large standard error.
+    Therefore a singular pose or a missing row needs no special case: a direction that the pose does not determine keeps
+    this large standard error.
 
     identified:  whether the tares are from a recording
     rated_force: [N]
@@ -43,13 +46,13 @@ class ForceSensor:
     def force(self, shown: Numbers, contact: bool, late: tuple[float, float] = (0.0, 0.0)) -> Force:
         """Return the published force.
 
-        A component whose standard error exceeds BLIND is INVALID, but not because of the error of a force that is late.
-        There is no direction unless the force is larger than CLEAR standard errors across it, nor without contact;
-        NO_CONTACT is then the reason.
+        A component whose standard error, without its part by the latency, exceeds BLIND is INVALID. The direction is
+        INVALID unless the force exceeds CLEAR standard errors across it. Without contact it is INVALID, too, with the
+        reason NO_CONTACT.
 
-        shown:   of the kernel (`pushed.publish`)
-        contact: whether the force is the ground's or a load's
-        late:    error (x, z) because the force is late [N]
+        shown:   results of the kernel (`pushed.publish`)
+        contact: whether the force is that of the ground or of a load
+        late:    error (x, z) of the force by its latency [N]
         """
         x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain, worst, largest = shown
         fine = Reason.NONE if contact else Reason.NO_CONTACT
@@ -71,8 +74,13 @@ class ForceSensor:
         return Force(force_x, force_z, magnitude, direction, (xx, xz, zz))
 
     def _bounded(self, value: float, error: float, late: float, fine: Reason) -> Quantity:
-        """Return a component or the magnitude. A pose that does not show the force is recognised by the error without
-        that of a `late` force."""
+        """Return a component or the magnitude with its status, INVALID where the pose does not determine it.
+
+        value: of the quantity [N]
+        error: its standard error [N]
+        late:  part of the error by the latency, which does not count for the pose [N]
+        fine:  reason where the status is OK
+        """
         if not error * error - late * late <= self._blind * self._blind:
             return invalid(Reason.SINGULAR)
         if not abs(value) <= self.rated_force:  # also true for NaN, to which absurd parameters may lead
@@ -80,7 +88,7 @@ class ForceSensor:
         return self._quantity(value, error, fine)
 
     def _quantity(self, value: float, error: float, fine: Reason) -> Quantity:
-        """Return the value with its status; where that is OK, the reason is `fine`."""
+        """Return the value with its status; `fine` is the reason where the status is OK."""
         if not self.identified:
             return Quantity(value, error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
         if error > self._poor:

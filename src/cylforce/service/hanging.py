@@ -1,4 +1,4 @@
-"""The load in the bucket at each step of a recording, by the weighing of the service."""
+"""Load in the bucket at each step of a recording, by the weighing of the service."""
 
 from array import array
 

@@ -1,4 +1,4 @@
-"""What a restart of the service does not change."""
+"""Memory of the service, which a restart does not change."""
 
 from dataclasses import dataclass, replace
 
@@ -11,14 +11,14 @@ from cylforce.signals.estimate import Booking
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """What the service remembers over a restart.
+    """State that the service keeps over a restart.
 
     scale:       zero and tare
     truck:       that is being loaded
-    booking:     the last one
+    booking:     the last booking
     tool:        name of the tool
-    hanging:     weight of a bucket that hangs and is not booked yet
-    lost:        mass of a bucket that hung so long ago that it may have been emptied [kg]; 0: none
+    hanging:     weight of a loaded bucket that is not booked yet
+    lost:        mass of a loaded bucket that may have been emptied during the interruption [kg]; 0: none
     unconfirmed: whether the parameters were sealed on another controller, so that they may be another machine's
     """
 
@@ -31,7 +31,7 @@ class Memory:
     unconfirmed: bool = False
 
     def emptied(self) -> "Memory":
-        """Return the memory when the bucket that hung may have been emptied since, and filled again."""
+        """Return the memory for a bucket that may have been emptied, and filled again, since it was weighed."""
         return self if self.hanging is None else replace(self, hanging=None, lost=self.hanging.mass)
 
 

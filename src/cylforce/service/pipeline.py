@@ -1,5 +1,7 @@
-"""From samples to filtered rows, one fixed step at a time; the same numbers as `observation.observe` from a
-recording. The arithmetic is the kernel's (estimation/kernel/README.md)."""
+"""Filtered rows from samples, one fixed step at a time.
+
+The numbers equal those of `observation.observe` from a recording. The arithmetic is the kernel's
+(estimation/kernel/README.md)."""
 
 from array import array
 from dataclasses import dataclass
@@ -23,11 +25,17 @@ MOVING = 0.005  # m/s of a cylinder, from which on it counts as moving; chosen
 
 
 class PipelineConstants(Constants):
-    """What the filters of one machine need.
+    """Constants of the filters of one machine.
 
     model:       columns of all effects and their filters
-    most_tilted: largest tilt of the chassis that is used [rad]
-    kernel:      the compiled or the interpreted functions
+    most_tilted: largest tilt of the chassis that is used [rad]; kept in `sensors`
+    kernel:      compiled or interpreted functions
+    sizes:       numbers of channels, rows, columns and cylinders
+    filters:     names of the places in the filters' state
+    rows:        names of the places in the rows of a step
+    by_length:   (joint, cylinder, signal) of each joint whose angle is computed from a cylinder's length
+    unwraps:     whether the slew angle is unwrapped from sample to sample
+    moved_by:    (S,) number of the cylinder whose motion changes each signal; -1: that of any cylinder
     """
 
     def __init__(self, model: Model, most_tilted: float = inf, kernel: Kernel | None = None) -> None:
@@ -42,11 +50,10 @@ class PipelineConstants(Constants):
         self.state_size, self.rows_size = self.kernel.state_size(self.plan), self.kernel.rows_size(self.plan)
         self.by_length = model.channels.by_length
         self.unwraps = model.channels.unwraps
-        # per signal the number of the cylinder whose motion changes it; -1: that of any cylinder
         self.moved_by = making.counts(s.index if s.kind in FORCE_KINDS else -1 for s in machine.signals)
 
     def read(self, values: Numbers) -> Numbers | Reason:
-        """Return joint angles, cylinder forces and attitude (D,) of a sample (S,); or why it is not usable."""
+        """Return joint angles, cylinder forces and attitude (D,) of a sample (S,), or the reason why it is unusable."""
         channels = ZERO * self.sizes.channels
         for joint, cylinder, signal in self.by_length:
             channels[joint] = float(self.model.machine.joint_angle(cylinder, values[signal]))
@@ -55,11 +62,13 @@ class PipelineConstants(Constants):
         return channels if isfinite(sum(channels)) else Reason.END_STOP
 
     def moving(self, speed: Numbers) -> Numbers:
-        """Return per signal whether it should change (1) at the speed (C,) [m/s] of the cylinders, so that a repeated
-        value means a frozen sensor.
+        """Return for each signal (S,) 1 where it should change, so that a repeated value means a frozen sensor.
 
         A pressure changes while its own cylinder moves, any other signal while any cylinder moves, because the whole
-        machine then shakes."""
+        machine then shakes.
+
+        speed: (C,) of the cylinders [m/s]
+        """
         found = ZERO * len(self.moved_by)
         self.kernel.moves(speed, len(speed), MOVING, self.moved_by, len(self.moved_by), found)
         return found
@@ -67,10 +76,10 @@ class PipelineConstants(Constants):
 
 @dataclass(slots=True)
 class Instant:
-    """The filtered rows of one step.
+    """Filtered rows of one step.
 
     numbers:  all rows, as the kernel keeps them
-    layout:   names for their places
+    layout:   names of the places in `numbers`
     place:    of the tool from the first pin, x + i z [m]
     velocity: of the tool [m/s]
     usable:   (R,) 1 where a row can be used, else 0
@@ -103,13 +112,13 @@ class Instant:
 
     @property
     def reversing(self) -> Numbers:
-        """1 where a cylinder (C,) is about to reverse, else 0."""
+        """Flags (C,), 1 where a cylinder is about to reverse, else 0."""
         return self.numbers[self.layout.reversing]
 
 
 @dataclass(slots=True)
 class Pipeline(Estimator):
-    """The filters of a model, step by step.
+    """Filters of a model, step by step.
 
     constants: of the machine
     steps:     number of steps since the filters began
@@ -137,13 +146,13 @@ class Pipeline(Estimator):
 
     @property
     def middle(self) -> Numbers:
-        """Mean (D,) of these three."""
+        """Mean (D,) of the last three outputs of the channels' low-pass."""
         first, second, third = (row.tolist() for row in self.smooth)
         return array("d", [(x + y + z) / 3.0 for x, y, z in zip(first, second, third, strict=True)])
 
     @property
     def waiting(self) -> Array:
-        """Steps (R,) for which each row is not used, because its filters still contain an unusable lever."""
+        """Number of steps (R,) for which each row is not used, because its filters still contain an unusable lever."""
         return self._part(self.constants.filters.waiting)
 
     def _part(self, place: slice) -> Array:
@@ -151,7 +160,7 @@ class Pipeline(Estimator):
         return part(self.state, place)
 
     def stop(self) -> None:
-        """Forget everything after an interruption of the measurement."""
+        """Discard the state after an interruption of the measurement."""
         self.steps, self.state = 0, None
 
     def begin(self, channels: Numbers) -> None:
@@ -164,8 +173,13 @@ class Pipeline(Estimator):
         self.steps, self.state = 0, array("d", numbers.tobytes())
 
     def update(self, channels: Numbers, periods: int = 1) -> Instant:
-        """Return the rows `periods` >= 1 steps later, at `channels` (D,); missing steps are filled by linear
-        interpolation."""
+        """Advance the filters, and return the rows.
+
+        Missing steps are filled by linear interpolation.
+
+        channels: (D,) joint angles, cylinder forces and attitude
+        periods:  number of steps since the last update, 1 or more
+        """
         if self.constants.unwraps:
             channels = self.constants.model.channels.follow(self.raw, channels)
         if periods > 1:
@@ -181,7 +195,7 @@ class Pipeline(Estimator):
         return Instant(rows, layout, complex(*place), complex(*velocity), rows[layout.usable], rows[layout.speed])
 
     def _fill(self, channels: Numbers, periods: int) -> None:
-        """Advance to one step before `channels`."""
+        """Advance by `periods` - 1 interpolated steps, to one step before `channels`."""
         first = self.raw
         for k in range(1, periods):
             between = first + (np.asarray(channels) - first) * (k / periods)

@@ -1,4 +1,4 @@
-"""The published values: one table, from which PDOs, EDS and DBC are made. The node is a measuring device by CiA 404."""
+"""Published values: one table, from which PDOs, EDS and DBC are made. The node is a CiA 404 measuring device."""
 
 from array import array
 from collections.abc import Callable, Sequence
@@ -42,8 +42,8 @@ BOOKED_COUNT, BOOKED = "booked_count", "booked_payload"
 
 _KG, _N, _DEG = 0.1, 10.0, 0.01 * DEGREE  # resolution of the published integers, in SI
 _CM, _MS, _PERCENT = 0.01, 1e-3, 0.01
-# Where quantities stand in an estimate; of which one a standard error is, and its least size: one step of the published
-# integer, so that none is ever sent as zero
+# PLACES: attribute path of each quantity in an estimate. ERRORS: the quantity of each standard error, and its least
+# value: one step of the published integer, so that none is ever sent as zero
 PLACES = {name: f"{of}.{part}" for of, whole in OF_FORCE.items() for name, part in zip(whole, PARTS, strict=True)}
 PLACES |= {GROSS: "gross", NET: "net"}
 OF_QUALITY = {PAYLOAD_QUALITY: "gross"} | {name: PLACES[of] for of, name in QUALITY.items()}
@@ -53,7 +53,7 @@ OF_VALUE = {name: f"{place}.value" for name, place in PLACES.items()}
 OF_ERROR = {name: f"{PLACES[of]}.standard_error" for name, (of, _) in ERRORS.items()}
 _FAR, _OLD = 327.67, 4294967.294  # m and s, the largest that an INTEGER16 and an UNSIGNED32 carry
 FAST = (2, 5)  # TPDOs of the forces, which are sent more often than the others
-_LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; a weight that uncertain is no weight
+_LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; no weight with a larger error is valid
 
 
 def publication(
@@ -64,9 +64,17 @@ def publication(
     force_period_s: float | None = None,
     filters: Filters | None = None,
 ) -> tuple[Pdo, ...]:
-    """TPDO 1 to 8 of our node, sent every `period_s` [s], those of the forces every `force_period_s`; `rated_payload`
-    [kg] and `rated_force` [N] give the ranges; with `filters` each value says its bandwidth and delay. A quality byte
-    is status (bits 0-1) + 4 * reason (bits 2-7)."""
+    """Return TPDO 1 to 8 of our node.
+
+    A quality byte is status (bits 0-1) + 4 * reason (bits 2-7).
+
+    node_id:        of our node
+    period_s:       of the TPDOs [s]
+    rated_payload:  determines the range of weights [kg]
+    rated_force:    determines the range of forces [N]
+    force_period_s: of the forces' TPDOs, at most `period_s` [s]; None: `period_s`
+    filters:        where given, each field's note has its bandwidth and delay
+    """
     kg = (-0.5 * rated_payload, 2.0 * rated_payload)
     largest = min(rated_payload, _LARGEST_ERROR)
     table = (
@@ -106,7 +114,12 @@ def _pdo(number: int, node_id: int, period_s: float, fields: tuple[Field, ...], 
 
 
 def timing(signal: str, filters: Filters, period_s: float) -> str:
-    """Bandwidth and delay of a published value."""
+    """Return bandwidth and delay of a published value in words.
+
+    signal:   name of the value
+    filters:  of the machine file
+    period_s: of the value's TPDO [s]
+    """
     if signal in (*FORCES, *SOIL):
         band = bandwidth_hz(filters.force_hz, period_s, 1.0 / filters.rate_hz)
         return f"-3 dB at {band:.3g} Hz, delay {1e3 * force_delay_s(filters, period_s):.0f} ms"
@@ -116,8 +129,12 @@ def timing(signal: str, filters: Filters, period_s: float) -> str:
 
 
 def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
-    """Frequency [Hz] at which a Butterworth low-pass of second order, with the fixed step [s], and the hold between two
-    publications together leave 1/sqrt(2) of a sine."""
+    """Return the -3 dB frequency [Hz] of a second-order Butterworth low-pass and the hold between two publications.
+
+    cutoff_hz: corner of the low-pass [Hz]
+    period_s:  time between two publications [s]
+    step_s:    fixed step of the low-pass [s]
+    """
     low, high = 0.0, cutoff_hz
     for _ in range(40):
         middle = (low + high) / 2.0
@@ -128,13 +145,19 @@ def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
 
 
 def cob_id(number: int, node_id: int) -> int:
-    """Identifier of one of our TPDOs: that of CiA 301 for 1 to 4; 5 to 8 use those of our node's RPDOs, of which it has
-    none."""
+    """Return the identifier of one of our TPDOs.
+
+    TPDO 1 to 4 have those of CiA 301. TPDO 5 to 8 use those of RPDOs, of which our node has none."""
     return 0x100 * number + 0x80 + node_id if number <= 4 else 0x100 * (number - 3) + node_id
 
 
 def _force(names: tuple[str, str, str, str], channels: tuple[int, int, int, int], rated: float) -> tuple[Field, ...]:
-    """Fields x, z, magnitude and direction of a force."""
+    """Return the fields x, z, magnitude and direction of a force.
+
+    names:    of the fields
+    channels: sub-indices of the fields
+    rated:    rated force [N]
+    """
     low, unit, scale = (-rated, -rated, 0.0, -pi), ("N", "N", "N", "rad"), (_N, _N, _N, _DEG)
     return tuple(
         Field(names[k], 0x7130, channels[k], "h", scale[k], 0.0, unit[k], low[k], pi if k == 3 else rated)
@@ -143,7 +166,7 @@ def _force(names: tuple[str, str, str, str], channels: tuple[int, int, int, int]
 
 
 def _event() -> tuple[Field, ...]:
-    """Fields of the last event at the teeth."""
+    """Return the fields of the last event at the teeth."""
     return (
         Field(EVENT_COUNT, 0x2180, 1, "H", 1.0, 0.0, "1", 0.0, 65534.0),
         Field(EVENT_KIND, 0x2180, 2, "B", 1.0, 0.0, "1", 0.0, 254.0),
@@ -154,7 +177,7 @@ def _event() -> tuple[Field, ...]:
 
 
 def published(estimate: Estimate) -> dict[str, float]:
-    """SI values of an estimate by name, NaN where there is none."""
+    """Return the SI values of an estimate by name, NaN where there is none."""
     return {name: value(estimate) for name, value in VALUES.items()}
 
 
@@ -176,7 +199,7 @@ def _quality(path: str) -> Value:
 
 
 def _last_event(e: Estimate) -> ContactEvent:
-    """The last event; before the first one: count and kind 0, nothing else."""
+    """Return the last event; before the first one, an event with number and kind 0 and NaN elsewhere."""
     return e.events[-1] if e.events else _NO_EVENT
 
 
@@ -198,21 +221,34 @@ VALUES: dict[str, Value] = {
 
 
 def quality(q: Quantity) -> int:
-    """The quality byte: status in bits 0-1, reason in bits 2-7."""
+    """Return the quality byte: status in bits 0-1, reason in bits 2-7."""
     return q.status | q.reason << 2
 
 
 def timetable(table: tuple[Pdo, ...], rate_hz: float) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the TPDOs that are sent at a step, at so many steps a second: at step k those of k modulo the length
-    of this table."""
+    """Return the numbers of the TPDOs that are sent at each step, for a cycle of steps.
+
+    At step k the TPDOs of entry k modulo the length of the cycle are sent.
+
+    table:   TPDOs with their periods
+    rate_hz: steps per second [Hz]
+    """
     every = {pdo.number: max(1, round(pdo.period_s * rate_hz)) for pdo in table}
     return tuple(tuple(n for n, each in every.items() if k % each == 0) for k in range(lcm(*every.values())))
 
 
 class Encoder(NamedTuple):
-    """Some TPDOs of ours as they are encoded together: number and place of each in the data, their layouts, what gives
-    the values of all fields; what makes integers of these by their `limits` (the kernel's `quantise`) where that knows
-    all fields (else empty), room for the integers, and what packs them."""
+    """Encoder of TPDOs that are sent together.
+
+    places:   number of each TPDO, and its place in the data
+    layouts:  of the TPDOs
+    values:   function that returns the values of all fields of an estimate [SI]
+    quantise: the kernel's function that rounds values to integers
+    limits:   smallest and largest value, step, and integer for "no value" of each field; empty: `quantise` does not
+              support all fields
+    room:     zeros of the number of fields
+    pack:     function that packs the integers
+    """
 
     places: tuple[tuple[int, slice], ...]
     layouts: tuple[Layout, ...]
@@ -223,7 +259,7 @@ class Encoder(NamedTuple):
     pack: Callable[..., bytes]
 
     def data(self, estimate: Estimate) -> list[tuple[int, bytes]]:
-        """(Number, bytes) of each for an estimate."""
+        """Return (number, bytes) of each TPDO for an estimate."""
         places, layouts, values, quantise, limits, room, pack = self
         given = values(estimate)
         if not limits:
@@ -237,7 +273,7 @@ class Encoder(NamedTuple):
 
 
 def encoder(table: tuple[Pdo, ...]) -> Encoder:
-    """The encoder of these TPDOs."""
+    """Return the encoder of the TPDOs in `table`."""
     layouts = tuple(layout(pdo) for pdo in table)
     fields = [field for of in layouts for field in of.fields]
     known = all(field.fits for field in fields)
@@ -250,9 +286,9 @@ def encoder(table: tuple[Pdo, ...]) -> Encoder:
 
 
 class Encoders:
-    """The encoders of our TPDOs.
+    """Encoders of our TPDOs.
 
-    together: function that returns the encoder of the PDOs with these numbers, which are sent together
+    together: function that returns the cached encoder of PDOs that are sent together, by their numbers
     """
 
     def __init__(self, pdos: tuple[Pdo, ...]) -> None:
@@ -260,7 +296,7 @@ class Encoders:
         self.together = lru_cache(maxsize=64)(lambda wanted: encoder(tuple(numbered[number] for number in wanted)))
 
     def due(self, estimate: Estimate, numbers: tuple[int, ...]) -> list[tuple[int, bytes]]:
-        """Return (number, data) of the PDOs with these numbers: only what is sent is encoded."""
+        """Return (number, data) of the PDOs with these numbers; no others are encoded."""
         return self.together(numbers).data(estimate) if numbers else []
 
     def data(self, estimate: Estimate, number: int) -> bytes:
@@ -269,7 +305,7 @@ class Encoders:
 
 
 def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
-    """What gives the values of these names: those that are alike in one look."""
+    """Return a function that returns the values of these names; values of one kind are read by one attrgetter."""
     alike = [[name for name in names if name in of] for of in (OF_VALUE, OF_ERROR, OF_QUALITY)]
     if len(alike[0]) == len(names):
         return _look([OF_VALUE[name] for name in names])
@@ -291,7 +327,7 @@ def _values(names: Sequence[str]) -> Callable[[Estimate], Sequence[float]]:
 
 
 def _look(paths: Sequence[str]) -> Callable[[Estimate], Sequence[Any]]:
-    """What gives the attributes of an estimate with these paths."""
+    """Return a function that returns the attributes of an estimate at these paths."""
     if len(paths) > 1:
         return attrgetter(*paths)
     each = [attrgetter(path) for path in paths]
@@ -299,5 +335,5 @@ def _look(paths: Sequence[str]) -> Callable[[Estimate], Sequence[Any]]:
 
 
 def frames(table: tuple[Pdo, ...], estimate: Estimate) -> tuple[tuple[int, bytes], ...]:
-    """(TPDO number, data) of all TPDOs in `table` for an estimate."""
+    """Return (TPDO number, data) of all TPDOs in `table` for an estimate."""
     return tuple(encoder(table).data(estimate))

@@ -1,9 +1,11 @@
-"""Is this the machine that was identified? An identified file of another machine of the same type passes every check of
-the file. It shows when the machine moves clear of the ground: no load explains then the residual of the parameters.
+"""Test for another machine than the identified one.
 
-The residual torque is compared, in blocks of two seconds of motion, with what a load of each block's own, and friction
-and pressure zeros that have changed since (the same in all blocks), can explain. Blocks that look like contact start
-the comparison anew, so that only motion clear of the ground is judged. Limits: `tools/studies/recognition.py`."""
+An identified file of another machine of the same type passes every check of the file. It is detected in motion clear of
+the ground, in which no load explains the residual torque of its parameters.
+
+The residual torque is explained, in blocks of two seconds of motion, by a load of each block's own, and by changes of
+friction and pressure zeros that all blocks share. Blocks that resemble contact start the test anew, so that only motion
+clear of the ground counts. Limits: `tools/studies/recognition.py`."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -22,24 +24,24 @@ from cylforce.signals.estimate import Array
 
 BLOCK_SECONDS = 2.0
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion
-FRICTION = 0.5  # of its identified value, by which friction may have changed: between cold and warm oil
+FRICTION = 0.5  # share of its identified value by which friction may have changed: between cold and warm oil
 SHIFT = 5e3  # Pa: standard error of a pressure zero that has changed; 0.3 bar stay below LIMIT with it
-CONTACT = 5.0  # mean squared normalised residual of a block alone from which on something else acts on the tool
-BLOCKS = 5  # clear of the ground, before anything is concluded
-FADE = 0.9  # by which older blocks count less
+CONTACT = 5.0  # mean squared normalised residual of a block alone, above which another force acts on the tool
+BLOCKS = 5  # blocks clear of the ground before the first conclusion
+FADE = 0.9  # factor on older blocks at each new one
 LIMIT = 3.0  # mean squared normalised residual; machines with their own file stay below 2.4, with warm oil, else 0.9
-SURE = 2  # judgements in a row above LIMIT
+SURE = 2  # results in a row above LIMIT
 LOAD = 4  # parameters of a load
 
 
 class RecognizerConstants(Constants):
-    """What the recognition of one machine needs.
+    """Constants of the recognition of one machine.
 
-    spread: (D,) by which friction and zeros may have changed
+    spread: (D,) standard errors of the changes of friction and zeros
     memory: number of consecutive samples that count as one independent sample
-    prior:  (4, 4) information on a load before anything is seen
+    prior:  (4, 4) prior information on a load
     size:   K, number of columns of a block: load, D changes, residual
-    block:  steps of a block
+    block:  number of steps of a block
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
@@ -54,7 +56,7 @@ class RecognizerConstants(Constants):
 
     @property
     def nothing(self) -> Array:
-        """The sum of no blocks (K-4, K-4)."""
+        """Sum (K-4, K-4) of no blocks."""
         return np.zeros((self.size - LOAD, self.size - LOAD))
 
 
@@ -63,13 +65,13 @@ class Recognizer(Estimator):
     """Comparison of blocks of motion with the identified machine.
 
     constants: of the machine
-    gram:      (K, K) of the running block's rows [load | friction | zeros | residual], flat
+    gram:      (K, K) products of the running block's rows [load | friction | zeros | residual], flat
     rows:      number of rows of the running block
-    steps:     steps of the running block
-    sum:       (K-4, K-4) of the blocks before, their loads taken out, faded
+    steps:     number of steps of the running block
+    sum:       (K-4, K-4) sum of the products of earlier blocks, their loads eliminated, faded
     weight:    number of independent samples of these blocks, faded
-    blocks:    how many there are
-    misfits:   judgements in a row that do not fit
+    blocks:    number of these blocks
+    misfits:   number of results in a row above LIMIT
     another:   whether this is another machine
     """
 
@@ -99,11 +101,11 @@ class Recognizer(Estimator):
         )
 
     def interrupt(self) -> None:
-        """Begin another block: the measurement stopped, or the block has ended."""
+        """Begin another block, because the measurement stopped or the block has ended."""
         self.gram, self.rows, self.steps = ZERO * self.constants.size**2, 0, 0
 
     def update(self, residual: InstantResidual, usable: Numbers) -> None:
-        """Take one instant; `usable` (R,) 1 where a row can be used."""
+        """Update the running block with one instant; `usable` (R,): 1 where a row can be used."""
         c, instant = self.constants, (residual.rows, residual.numbers, usable)
         self.rows += c.kernel.gather(c.solver, *instant, c.spread, ZERO, 0, c.memory, self.gram)
         self.steps += 1
@@ -119,7 +121,7 @@ class Recognizer(Estimator):
         return _residual_squares(self.sum) / self.weight
 
     def _judge(self) -> None:
-        """Judge with the block that has ended."""
+        """Update the comparison with the block that has ended."""
         c = self.constants
         gram, weight = np.frombuffer(self.gram).reshape(c.size, -1), self.rows / c.memory
         load = np.linalg.solve(gram[:LOAD, :LOAD] + c.prior, gram[:LOAD, LOAD:])
@@ -138,7 +140,6 @@ class Recognizer(Estimator):
 
 
 def _residual_squares(block: Array) -> float:
-    """Return the least squares of the residual, with friction and zeros that may have changed by one of their
-    spreads."""
+    """Return the least squared residual of a block (K-4, K-4), with one spread as prior error of friction and zeros."""
     size = len(block) - 1
     return float(block[-1, -1] - block[-1, :-1] @ np.linalg.solve(block[:-1, :-1] + np.eye(size), block[:-1, -1]))

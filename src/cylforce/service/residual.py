@@ -1,4 +1,4 @@
-"""The residual torque of one instant: what tares and drift do not explain of the measured torques."""
+"""Residual torque of one instant: measured torques less those of tares and drift."""
 
 from array import array
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ class InstantResidual:
     """Residual torque of the R measured joints at one instant, with its variance.
 
     rows:    columns (R, K), then torques (R,), then others, as the kernel keeps the rows of a step
-    numbers: residual torque (R,) [N m], its variance without friction at rest (R,), variance of friction at rest (R,)
-             [N^2 m^2], columns (R, D) of the drift (`weighed.explain`)
-    wider:   (R,) by which the variance is larger while the base rocks [N^2 m^2]
+    numbers: four parts (`weighed.explain`): residual torque (R,) [N m]; its variance (R,) without friction at rest
+             [N^2 m^2]; variance (R,) of friction at rest [N^2 m^2]; columns (R, D) of the drift
+    wider:   (R,) added to the variance while the base rocks [N^2 m^2]
     """
 
     rows: Numbers
@@ -30,12 +30,12 @@ class InstantResidual:
 
     @property
     def torque(self) -> Numbers:
-        """The residual torque (R,) [N m]."""
+        """Residual torque (R,) [N m]."""
         return self.numbers[ResidualLayout(len(self.wider)).torque]
 
     @property
     def variance(self) -> Numbers:
-        """Its variance (R,) without friction at rest [N^2 m^2]."""
+        """Variance (R,) of the residual torque without friction at rest [N^2 m^2]."""
         return self.numbers[ResidualLayout(len(self.wider)).variance]
 
     @property
@@ -47,6 +47,7 @@ class InstantResidual:
 def residual_of(kernel: Kernel, solver: KernelSolver, rows: Numbers, drift: Array, size: int) -> InstantResidual:
     """Return scale (torque - W Phi - W_D drift) of the rows of an instant.
 
+    rows:  columns and torques of the instant, as the kernel keeps them
     drift: (D,) values of the adapted friction and zeros
     size:  R, number of measured torques
     """
@@ -56,10 +57,11 @@ def residual_of(kernel: Kernel, solver: KernelSolver, rows: Numbers, drift: Arra
 
 
 def residual_of_arrays(residual: Residual, columns: int, drifts: int) -> InstantResidual:
-    """Return the residual of an instant of a recording; friction and zeros do not drift.
+    """Return the residual of an instant of a recording, without drift of friction and zeros.
 
-    columns: K, to which the columns of the tares are filled up with zeros
-    drifts:  D
+    residual: of the recording
+    columns:  K, number to which the columns of the tares are filled up with zeros
+    drifts:   D, number of drifts
     """
     rows, own = np.zeros((len(residual.torque), columns)), residual.columns.shape[1]
     rows[:, :own] = residual.columns

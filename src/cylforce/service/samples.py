@@ -1,4 +1,4 @@
-"""Recorded events to rows of samples, one row per tick."""
+"""Rows of samples, one per tick, from recorded events."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -20,10 +20,10 @@ def samples(
 ) -> Iterator[Array]:
     """Yield one row of SI values per tick, in pieces (T, S) of PIECE rows.
 
-    A row is NaN when any of its signals is missing, late or not usable. The slew angle goes on where its encoder passes
-    the end of its circle.
+    A row is NaN when any of its signals is missing, late or not usable. The slew angle is unwrapped.
 
     inputs:    of the sensors, before any frame
+    events:    recorded frames and ticks
     period_us: fixed step, by which missing ticks are recognised [us]
     unusable:  where given, counts the ticks without a sample by their reasons
     """
@@ -57,11 +57,11 @@ def _rows(inputs: Assembler, events: Iterable[Event], period_us: int, unusable: 
 
 
 def skipped(elapsed_us: int, period_us: int) -> int:
-    """Return the number of rows that are missing between two ticks `elapsed_us` apart."""
+    """Return the number of missing rows between two ticks `elapsed_us` apart, at most LONGEST_JUMP."""
     count = round(elapsed_us / period_us) - 1
     return min(count, LONGEST_JUMP) if count >= 0 else LONGEST_JUMP
 
 
 def is_whole(sample: Sample) -> bool:
-    """Return whether every signal came in time and is usable."""
+    """Return whether every signal is in time and usable."""
     return sample.late is Reason.NONE and all(reason is Reason.NONE for reason in sample.reasons)

@@ -1,4 +1,4 @@
-"""The weighing service: one object that is fed with frames and ticks, and gives estimates."""
+"""Weighing service: one object that receives frames and ticks, and returns estimates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -48,38 +48,40 @@ from cylforce.signals.estimate import (
 )
 from cylforce.signals.events import Event, Frame
 
-MOST_FRAMES = 64  # that wait for a tick, so that memory and time stay bounded without one; chosen
+MOST_FRAMES = 64  # frames that wait for a tick, so that memory and time stay bounded without ticks; chosen
 LONG_FRAME_US = 1_000_000  # us for which estimates are DEGRADED after a frame longer than its mapping; chosen
 
 
 @dataclass(slots=True)
 class WeighingService(Estimator):
-    """The running service. It reads no clock, socket, file or random number: time is an argument, so that live
-    operation, replay and simulation differ only in who calls it.
+    """Running service.
+
+    It reads no clock, socket, file or random number. Time is an argument, so that live operation, replay and simulation
+    differ only in the caller.
 
     core:        constants with the standard tool
     fitted:      constants with the present tool
     inputs:      last values of the sensors
     pipeline:    filters, from samples to rows
     base:        motion of the base
-    load:        recursive estimate of the hanging load
-    bookings:    what is booked
-    tool_check:  whether the tool is the one that was chosen
+    load:        recursive estimate of the load
+    bookings:    state of the booking
+    tool_check:  test for another tool than the chosen one
     drift:       of friction and pressure zeros
-    recognizer:  whether this is the machine that was identified
-    force:       at the tool, contact, events
-    monitor:     whether the sensors agree
+    recognizer:  test for another machine than the identified one
+    force:       forces at the tool, contact, events
+    monitor:     tests for sensor faults
     estimate:    the last one
     moving:      (S,) 1 where a signal should change because the machine moves
     scale:       the operator's zero and tare
     truck:       that is being loaded
-    cycle:       working cycle so far
+    cycle:       present working cycle
     ended:       working cycle that the last booking ended
-    sampled_us:  time of the last sample that the filters took [us]
+    sampled_us:  time of the last sample in the filters [us]
     stopped:     whether NMT has stopped our node
     tool:        name of the present tool
     unexplained: residual torque of each measured joint [N m]; empty: not measured
-    frames:      received since the last tick, judged at the next one, all at once
+    frames:      received since the last tick, to be decoded together at the next one
     """
 
     core: Core
@@ -108,8 +110,13 @@ class WeighingService(Estimator):
 
     @classmethod
     def start(cls, core: Core, kept: Memory = NOTHING_KEPT) -> Self:
-        """Return a service before any event, with the memory from before a restart. A tool that is no longer known is
-        the standard one again."""
+        """Return a service before any event.
+
+        The standard tool replaces a tool of the memory that the core does not contain any more.
+
+        core: constants
+        kept: memory from before a restart
+        """
         tool = kept.tool if kept.tool in core.attached else STANDARD
         fitted = core.fitted[tool]
         service = cls(
@@ -135,7 +142,7 @@ class WeighingService(Estimator):
         return service
 
     def _remember(self, kept: Memory) -> None:
-        """Take over bookings from before a restart; a load that was weighed with other tares is lost."""
+        """Take over bookings from before a restart; a load that was weighed with other tares is not booked."""
         hanging, sizes = kept.hanging, (len(self.fitted.tares.values), self.drift.values.size)
         if hanging is not None and (hanging.gain.size, hanging.drifted.size) != sizes:
             kept, hanging = kept.emptied(), None
@@ -147,7 +154,7 @@ class WeighingService(Estimator):
 
     @property
     def memory(self) -> Memory:
-        """What a restart does not change."""
+        """Memory of the service, which a restart does not change."""
         books = self.bookings
         return Memory(
             scale=self.scale,
@@ -159,7 +166,7 @@ class WeighingService(Estimator):
         )
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Replace the state by a copy of what `snapshot` returned."""
+        """Replace the state by a copy of a `snapshot`."""
         self._fit(state["tool"])
         Estimator.restore(self, state)
 
@@ -170,7 +177,7 @@ class WeighingService(Estimator):
         return other
 
     def _fit(self, tool: str) -> None:
-        """Use the constants of a tool; the state stays."""
+        """Replace the constants by those of a tool; the state stays."""
         if tool == self.tool:
             return
         other = WeighingService.start(self.core, Memory(tool=tool))
@@ -181,10 +188,12 @@ class WeighingService(Estimator):
         self.fitted, self.tool = other.fitted, other.tool
 
     def with_core(self, core: Core, unconfirmed: bool | None = None) -> "WeighingService":
-        """Return a service with other tares from now on: estimators start anew, as after a restart. A load that hangs
-        was weighed with the others and is not booked. Sensors, the operator's settings, NMT's order and a signal that
-        was rejected stay.
+        """Return a service that continues with other tares.
 
+        Estimators start anew, as after a restart. A load in the bucket was weighed with the old tares and is not
+        booked. Values of the sensors, the operator's settings, the NMT state and a rejection that `stays` are kept.
+
+        core:        constants with the other tares
         unconfirmed: whether the parameters may be another machine's; None: as before
         """
         other = WeighingService.start(core, replace(self.memory, hanging=None))
@@ -204,8 +213,9 @@ class WeighingService(Estimator):
         return other
 
     def on_frame(self, frame: Frame) -> Answer | None:
-        """Take a frame: a sensor's waits for the next tick, a command is obeyed. Return the answer to a command; None
-        for any other frame. Does not raise for any frame."""
+        """Handle a frame, and return the answer to a command; None for any other frame.
+
+        A command is executed at once. A sensor's frame waits for the next tick. No frame raises an exception."""
         if frame.can_id not in self.core.inputs.decoders:
             own = self.core.service.node_id
             stopped = commands.stopped(frame, own)
@@ -226,14 +236,14 @@ class WeighingService(Estimator):
         return None
 
     def on_event(self, event: Event) -> Estimate | None:
-        """Take a frame or a tick; return the estimate of a tick."""
+        """Handle a frame or a tick, and return the estimate of a tick; None for a frame."""
         if isinstance(event, Frame):
             self.on_frame(event)
             return None
         return self.on_tick(event.t_us)
 
     def receive(self) -> None:
-        """Judge the frames received since the last tick."""
+        """Decode and check the frames received since the last tick."""
         self.inputs.receive(self.frames, self.moving)
         self.frames.clear()
 
@@ -251,15 +261,16 @@ class WeighingService(Estimator):
         return Answer(ruling.verdict, ruling.words)
 
     def _book_by_hand(self, data: bytes) -> Answer:
-        """Book a bucket that was not weighed. A booking that was still becoming more precise stays as it is."""
+        """Book a bucket that was not weighed. The booking before it does not become more precise any more."""
         made, ruling = commands.added(data, self.bookings.booking, self.estimate.t_us, self.truck)
         if made is not None:
             self.bookings.booking, self.bookings.dumped, self.truck = made, None, ruling.truck
         return Answer(ruling.verdict, ruling.words)
 
     def _change_tool(self, number: int) -> Answer:
-        """Choose a tool: the weighing begins anew, zero and tare are 0. Friction and pressure zeros are the arm's, so
-        the drift stays. A load that hangs is not booked."""
+        """Choose a tool: the weighing begins anew, zero and tare are 0, and a load in the bucket is not booked.
+
+        The drift stays, because friction and pressure zeros are the arm's."""
         tool, answer = commands.chosen_tool(number, self.core.service.tools, self.tool)
         if answer.verdict or tool == self.tool:
             return answer
@@ -329,8 +340,11 @@ class WeighingService(Estimator):
         return self.estimate
 
     def _hold_or_restart(self, sample: Sample, channels: Numbers | Reason) -> None:
-        """Handle a tick that does not go on from the one before: signals are late or not usable, or it comes too early
-        or too late."""
+        """Hold or restart at a tick without a usable sample, or one that is too early or too late.
+
+        sample:   of the tick
+        channels: (D,) of the sample; the reason why it is not usable
+        """
         begun = self.pipeline.state is not None
         if sample.late is not Reason.NONE and begun and not any(sample.reasons):
             self.estimate = held_estimate(self.estimate, sample.t_us, sample.late)
@@ -343,10 +357,13 @@ class WeighingService(Estimator):
             self.sampled_us = sample.t_us
 
     def _interrupt(self, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> None:
-        """Start filters and lift again after an interruption; no value is shown. At an end stop the bucket still counts
-        as observed.
+        """Reset filters and lift after an interruption, with an estimate without values.
 
-        strayed: signals outside their range
+        At an end stop the bucket still counts as observed.
+
+        t_us:    time [us]
+        reason:  of the interruption
+        strayed: numbers of the signals outside their range
         """
         self.pipeline.stop()
         self.moving = self.fitted.inputs.still
@@ -366,12 +383,18 @@ class WeighingService(Estimator):
         return no_estimate(t_us, reason, self.estimate.booking, self.estimate.events)
 
     def _is_curled(self, channels: Numbers) -> bool:
-        """Return whether the bucket is curled as far as the machine file wants it for a booking."""
+        """Return whether the bucket is curled as far as the machine file requires for a booking."""
         machine = self.fitted.service.machine
         return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
 
     def note_weight(self, weight: Weight, t_us: int, tilt: float | None, *, curled: bool) -> None:
-        """Note the weight for a booking every LATER_S of a lift, while the bucket is curled or empty."""
+        """Update bookings and tool check with the weight, every LATER_S of a lift while the bucket is curled or empty.
+
+        weight: of the lift
+        t_us:   time [us]
+        tilt:   angle of the tool to the house [rad]; None where the tool does not empty by tilting
+        curled: whether the bucket is curled far enough for a booking
+        """
         bookings, lift = self.bookings, self.load.lift
         bookings.seen(t_us)
         if self.load.event is LiftEvent.ENDED:
@@ -386,7 +409,9 @@ class WeighingService(Estimator):
             bookings.update(weighed(lift, bookings.constants.parameters, tilt, slopes), t_us, self.drift)
 
     def _withhold(self) -> None:
-        """Let bookings wait while it is not certain that the sensors agree; book nothing while they do not."""
+        """Suspend bookings while the monitor is unsure.
+
+        A suspicion that does not wait for motion in the air discards loads that are not booked yet."""
         suspicion = self.monitor.suspicion
         if suspicion.level is not Level.FINE and not suspicion.waits:
             self.bookings.lose_sight()
@@ -394,7 +419,7 @@ class WeighingService(Estimator):
         self.bookings.probable = self.monitor.undetected.probable
 
     def _adapt(self, load: Load, residual: InstantResidual, usable: Numbers) -> None:
-        """Update the drift; it changes only while the bucket is known to be empty and the sensors agree."""
+        """Update the drift while the bucket is known to be empty and no suspicion prevents the adaptation."""
         if not self.fitted.adapts or not self.monitor.suspicion.follows:
             return
         if self.fitted.load.is_empty(load):
@@ -403,8 +428,9 @@ class WeighingService(Estimator):
             self.drift.pause()
 
     def _load_truck(self, before: Booking | None) -> None:
-        """Give the truck one more bucket after a booking, which ends the cycle; its mass follows the booking while that
-        becomes more precise.
+        """Add a bucket to the truck after a booking, which also ends the working cycle.
+
+        The bucket's mass follows the booking while that becomes more precise.
 
         before: booking at the last tick
         """
@@ -420,8 +446,9 @@ class WeighingService(Estimator):
     def _estimate(self, load: Load, forces: Forces, t_us: int) -> Estimate:
         """Return the published estimate: load, load less zero (gross), less tare (net), and forces.
 
-        INVALID while a signal is rejected; a force is DEGRADED while something seems to touch the tool that is swung;
-        all is DEGRADED for the reasons of `_doubts`; gross and net are INVALID outside their declared range."""
+        Load and forces are INVALID while a signal is rejected, and DEGRADED for the reasons of `_doubts`. Forces are
+        DEGRADED while the house slews fast and the tool seems to be in contact. Gross and net are INVALID outside their
+        declared range."""
         resultant, soil = forces.resultant, forces.soil
         if self.monitor.suspicion.level is Level.REJECTED:
             reason = Reason.NOT_THIS_MACHINE if self.recognizer.another else Reason.SENSORS_DISAGREE
@@ -455,7 +482,7 @@ class WeighingService(Estimator):
         )
 
     def _doubts(self, t_us: int) -> list[Reason]:
-        """Return the reasons why nothing that is published now is OK."""
+        """Return the reasons for which no published quantity is OK."""
         reasons = list[Reason]()
         if self.recognizer.another and self.fitted.tares.identified:
             reasons.append(Reason.NOT_THIS_MACHINE)

@@ -1,4 +1,4 @@
-"""State of the estimators as plain data: copied, restored, described by types, so that a log's header can hold it."""
+"""State of the estimators as plain data: copied, restored and described by types, for the header of a log."""
 
 from array import array
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ State = dict[str, Any]
 
 
 class Constants:
-    """Base of what an estimator computes once of its machine. It never changes, so no snapshot contains it."""
+    """Base of the constants that an estimator computes once for its machine. No snapshot contains them."""
 
 
 class Estimator:
@@ -25,11 +25,11 @@ class Estimator:
     __slots__ = ()
 
     def snapshot(self) -> State:
-        """Return a copy of the state by the names of the fields."""
+        """Return a copy of the state as a dictionary, with the names of the fields as keys."""
         return {name: _copied(getattr(self, name)) for name in kinds(type(self))}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Replace the state by a copy of what `snapshot` returned."""
+        """Replace the state by a copy of a `snapshot`."""
         for name in kinds(type(self)):
             now = getattr(self, name)
             if isinstance(now, Estimator):
@@ -41,7 +41,7 @@ class Estimator:
                 setattr(self, name, _copied(state[name]))
 
     def types(self) -> dict[str, Any]:
-        """Return the type of each field of the state; of an estimator, its own dictionary of types."""
+        """Return the type of each field of the state; for a field that is an estimator, its dictionary of types."""
         found = dict[str, Any]()
         for name, kind in kinds(type(self)).items():
             now = getattr(self, name)
@@ -53,7 +53,7 @@ class Estimator:
 
 
 def kinds(estimator: type) -> dict[str, Any]:
-    """Return the types of an estimator's state by the names of the fields."""
+    """Return the types of an estimator's state as a dictionary, with the names of the fields as keys."""
     return _kinds(estimator)
 
 

@@ -1,5 +1,7 @@
-"""Has a part of the load fallen out, or come in, while it hung? Every stretch at the end of a lift is compared with
-every one at its beginning; the stretch between them, in which it happened, belongs to neither."""
+"""Test for a spill: a part of the load has fallen out, or has come in, during a lift.
+
+Every period at the end of a lift is compared with every period at its beginning. The spill lies in the period between
+them, which belongs to neither."""
 
 from functools import cache
 
@@ -9,15 +11,16 @@ from numpy.typing import NDArray
 from cylforce.estimation.recursive import Root
 from cylforce.signals.estimate import Array
 
-EVERY_S = 0.3  # s between comparisons; chosen: half of the time in which a bucket loses what it loses
-SHORTEST = 2  # of these from the change on, at least: a weight from it is certain to some kilograms
-KEPT = 12  # last looks, after which a change may have begun; chosen: it is found within 3 s, or never
-CERTAIN = 4.0  # standard errors of the change from which on it is one; chosen: none by chance in a shift's 1e4 seconds
+EVERY_S = 0.3  # s between comparisons; chosen: half of the duration of a spill
+SHORTEST = 2  # least number of comparisons after the change: a weight from them is accurate to some kilograms
+KEPT = 12  # last examinations, after which a change may have begun; chosen: it is found within 3 s, or never
+CERTAIN = 4.0  # standard errors of a change that counts; chosen: none by chance in a shift's 1e4 seconds
 
 
 def information(root: Root, gram: Array) -> Array:
-    """Return information matrix, right-hand side and gram of a load side by side (4, 5 + K): all of them add up over
-    time.
+    """Return information matrix, right-hand side and gram of a load side by side (4, 5 + K).
+
+    All of them are sums over time, so that the difference of two instants is the information between them.
 
     root: triangle of the information on the load (4,)
     gram: (4, K) with K other parameters
@@ -43,7 +46,7 @@ def block_diagonal(one: Array, other: Array) -> Array:
 
 
 def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | None:
-    """Return the number of the mark after which the load is another one; None: it is the same.
+    """Return the number of the mark after which the load has changed; None: it has not.
 
     marks:  (M, 4, 5 + K) information of the lift so far
     now:    (4, 5 + K) information of the whole lift
@@ -61,21 +64,25 @@ def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | N
 
 @cache
 def _pairs(marks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the numbers of the mark before which, and of that after which, a load may have been constant."""
+    """Return pairs of marks between which a change may lie.
+
+    The load is constant before the first mark of a pair, and after the second one."""
     first, last = np.triu_indices(max(marks - SHORTEST + 1, 0))
     return first, last
 
 
 def change(before: Array, since: Array, others: Array) -> tuple[Array, Array]:
-    """Return the change of the mass and its standard error (...,) [kg]; the error is infinite where the rows since do
-    not depend on the mass. The centre of the load stays where it was.
+    """Return the change of the mass and its standard error (...,) [kg], for a load whose centre stays.
+
+    The error is infinite where the rows after the change do not depend on the mass.
+
+    With x the load before, of mass m, and a = x/m, rows r = A x + A a delta after the change give
+    delta = a'(eta - Lambda x) / a' Lambda a. x has the errors of its own information.
 
     before: (..., 4, 5 + K) information before the change
-    since:  (..., 4, 5 + K) information since then
-    others: (K, K) covariance of the other parameters, whose errors show another mass in another motion
-
-    With x the load before and a = x/m, rows r = A x + A a delta give delta = a'(eta - Lambda x) / a' Lambda a; x has
-    the errors of its own information."""
+    since:  (..., 4, 5 + K) information after the change, [Lambda | eta | gram]
+    others: (K, K) covariance of the other parameters, whose errors change the mass with the motion
+    """
     load = np.linalg.solve(before[..., :4], before[..., 4:5])  # x (..., 4, 1)
     mass = load[..., 0, 0]
     depends = np.abs(mass) >= 1.0

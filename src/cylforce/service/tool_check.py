@@ -1,11 +1,11 @@
-"""Is this the tool that was chosen? An empty machine with another tool seems to carry a load that never leaves it, or
-one lighter than nothing.
+"""Test for another tool than the chosen one.
 
-A weight from which the load rises may be that of an empty tool off zero. It is suspected at the first rise when the
-tool has not been seen empty since the start: the bucket may also have held a load. A second rise is that of a load
-that grows, so that the suspicion ends. A tool that returns to the weight from which its load rose is off zero: loads
-differ, the tool does not. The check clears itself when the tool is seen empty. While it is off zero, nothing is booked,
-for the bucket is never seen empty."""
+An empty machine with another tool seems to carry a load that never leaves it, or a negative load. A weight from which
+the load rises may be that of an empty tool off zero. It is suspected at the first rise if no empty tool was detected
+since the start, because the bucket may also have held a load. A second rise is that of a growing load, and ends the
+suspicion. A tool that returns to the weight from which its load rose is off zero: loads differ, the tool does not. The
+suspicion also ends when an empty tool is detected. While the tool is off zero, no empty bucket is detected and nothing
+is booked."""
 
 from dataclasses import dataclass
 
@@ -20,9 +20,9 @@ class ToolCheck(Estimator):
     """State of the check.
 
     mass:       last settled weight [kg]; None: none yet
-    off:        by how much the empty tool is off zero [kg]; None: it is not, or not known
-    base:       lowest weight from which the load has risen since the tool was seen empty [kg]; None: none
-    seen_empty: whether the tool has been seen empty since the start
+    off:        weight of the empty tool, its deviation from zero [kg]; None: zero, or not known
+    base:       lowest weight from which the load has risen since the tool was last empty [kg]; None: none
+    seen_empty: whether the tool has been empty since the start
     confirmed:  whether the tool has returned to `base`, or had a weight that no load has
     """
 
@@ -33,7 +33,7 @@ class ToolCheck(Estimator):
     confirmed: bool = False
 
     def update(self, load: LoadEstimator, weight: Weight) -> None:
-        """Check the weight of a lift that goes on in motion."""
+        """Update the check with the weight of a lift, once it has settled in motion."""
         lift, settled, rated = load.lift, load.constants.settled, load.constants.rated
         if lift.refused or lift.moving < settled or load.noise > GOOD_ENOUGH * rated:
             return
@@ -44,12 +44,12 @@ class ToolCheck(Estimator):
         self.take(weight.mass, limit, empty=plausible and not certain, impossible=impossible)
 
     def take(self, mass: float, limit: float, *, empty: bool, impossible: bool) -> None:
-        """Take one more settled weight.
+        """Update the check with one settled weight.
 
         mass:       the weight [kg]
         limit:      difference from which on two weights differ [kg]
-        empty:      whether it is that of an empty tool
-        impossible: whether no load can have it: lighter than nothing, or moments without a mass
+        empty:      whether it is the weight of an empty tool
+        impossible: whether no load can have it: it is negative, or has moments without a mass
         """
         before = self.mass
         if empty:
@@ -67,7 +67,7 @@ class ToolCheck(Estimator):
             self.mass = mass
 
     def _rise(self, before: float, limit: float) -> None:
-        """Conclude from a load that has risen from the weight `before` [kg]."""
+        """Update the suspicion after a rise of the load from the weight `before` [kg]."""
         if self.confirmed:
             self.off = self.base
         elif before <= limit:

@@ -1,5 +1,5 @@
 """Weighing while moving: the load's mass, first moments and inertia by recursive least squares on top of the fixed
-tares (mechanics/README.md, sections 9 and 10), restarted whenever the forces no longer look like one hanging load."""
+tares (mechanics/README.md, sections 9 and 10). It restarts when the torques do not fit one hanging load any more."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -33,7 +33,7 @@ from cylforce.signals.estimate import Array, Load, Quantity, Reason, Status, deg
 GATE = 9.0  # mean squared innovation in standard errors (3 squared), above which a sample does not fit the load; chosen
 BREAK_AWAY = 3.0  # times the unknown friction at rest: break-away friction, for which the gate allows; chosen
 COLD = 5.0  # times the expected drift, for which the gate allows: oil of 0 instead of 40 degC; chosen
-DRIFTED = 4.0  # times its variance, by which the gate at most allows for a drift not known yet; chosen: twice its error
+DRIFTED = 4.0  # times a row's variance: most that the gate adds for unknown drift; chosen: twice the row's error
 PATIENCE_S = 0.3  # s of samples that do not fit, after which a lift ends; chosen
 EMPTY = 0.03  # times the rated payload: below it the bucket counts as empty for the adaptation; chosen
 FARTHEST = 1.5  # times the payload's reach: largest plausible distance of the load's centre from the last pin; chosen
@@ -43,18 +43,25 @@ NO_LOAD = invalid(Reason.NOT_A_LOAD)
 
 
 class LoadConstants(Constants):
-    """What the weighing of one machine needs.
+    """Constants of the weighing of one machine.
 
-    model, tares: of the machine
-    gate:         places in the intermediate results of an instant
-    conclusion:   places in what is concluded of a lift
+    model:        of the machine
+    tares:        of the machine
+    gate:         names of the places in the intermediate results of an instant
+    conclusion:   names of the places in the conclusion from a lift
     memory:       number of consecutive samples that count as one independent sample
     long:         number of samples after which older ones begin to fade
     patience:     number of samples in a row that do not fit, after which a lift ends
     settled:      number of samples before a weight is shown
-    every:        samples between two looks for a spill
+    every:        number of samples between two examinations for a spill
     rated:        rated payload [kg]
     reach:        of the payload from the last pin [m]
+    rows:         R, number of measured torques
+    drifts:       D, number of adapted frictions and zeros
+    parameters:   P, number of tares
+    settle_steps: number of steps until the filters have settled
+    spread:       (4,) prior standard errors of a load
+    nothing:      (4, 5 + P + D) information of a lift without samples
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
@@ -73,15 +80,15 @@ class LoadConstants(Constants):
         self.nothing = self.new_lift().marks[0]
 
     def new_lift(self, *, mixed: bool = False) -> Lift:
-        """Return a lift of which nothing is known; `mixed`: the filters still contain another motion."""
+        """Return a lift without samples; `mixed`: whether the filters still contain another motion."""
         return Lift.start(self.spread, self.parameters + self.drifts, self.rows, mixed=mixed)
 
     def is_empty(self, load: Load) -> bool:
-        """Return whether the bucket is known to be empty and in the air; without a value it is not."""
+        """Return whether the bucket is known to be empty and in the air; False for a load without a value."""
         return abs(load.mass.value) < EMPTY * self.rated
 
     def residual(self, rows: Numbers, drift: Array) -> InstantResidual:
-        """Return the torque that tares and `drift` (D,) do not explain of the rows of an instant."""
+        """Return the residual torque of the rows of an instant after tares and `drift` (D,)."""
         return residual_of(self.kernel, self.solver, rows, drift, self.rows)
 
     def residual_of_arrays(self, residual: Residual) -> InstantResidual:
@@ -90,7 +97,7 @@ class LoadConstants(Constants):
 
 
 class LiftEvent(IntEnum):
-    """What an instant did to the lift: it goes on, it has ended, or its load has changed while it hung."""
+    """Effect of an instant on the lift: it goes on, it has ended, or its load has changed in the air."""
 
     GOES_ON = 0
     ENDED = 1
@@ -102,8 +109,8 @@ class LoadEstimator(Estimator):
     """Recursive least squares of the hanging load.
 
     constants: of the machine
-    lift:      the present lift
-    event:     what the last instant did to it
+    lift:      present lift
+    event:     effect of the last instant on the lift
     """
 
     constants: LoadConstants
@@ -126,11 +133,11 @@ class LoadEstimator(Estimator):
         drift: DriftKnowledge | None = None,
         tilt: float | None = None,
     ) -> Weight:
-        """Return the weight after one instant.
+        """Update the lift with one instant, and return the weight.
 
-        residual: of tares and drift
+        residual: after tares and drift
         usable:   (R,) 1 where a row can be used
-        drift:    which is subtracted in the residual; None: friction and zeros are those of the tares
+        drift:    that is subtracted in the residual; None: friction and zeros are those of the tares
         tilt:     angle of the tool to the house [rad]; None where the tool does not empty by tilting
         """
         drift = no_drift(self.constants.drifts) if drift is None else drift
@@ -152,10 +159,10 @@ class LoadEstimator(Estimator):
     def _take(
         self, residual: InstantResidual, usable: Numbers, drift: DriftKnowledge, work: Numbers, concluded: Numbers
     ) -> int:
-        """Take an instant into the lift if it fits; return 0: it does not fit, 1: it does, 2: and a row moves.
+        """Add an instant to the lift if it fits; return 0 if it does not fit, 1 if it does, 2 if a row also moves.
 
         work:      room for intermediate results (`GateLayout`)
-        concluded: room for what the kernel concludes (`ConclusionLayout`)
+        concluded: room for the kernel's conclusion (`ConclusionLayout`)
         """
         c, lift = self.constants, self.lift
         instant = (residual.rows, residual.numbers, residual.wider, usable, lift.rested)
@@ -170,11 +177,17 @@ class LoadEstimator(Estimator):
         return fits
 
     def _advance(self, rested: Numbers, *, in_motion: bool, drift: DriftKnowledge, tilt: float | None) -> None:
-        """Count a sample that fits; `rested` (R,) after it."""
+        """Count a sample that fits.
+
+        rested:    (R,) number of samples for which each row has been at rest, after this sample
+        in_motion: whether a row moves
+        drift:     of friction and zeros
+        tilt:      angle of the tool to the house [rad]; None where the tool does not empty by tilting
+        """
         c, lift = self.constants, self.lift
         lift.rested = rested
         if lift.mixed and lift.taken + 1 == c.settle_steps:
-            # what was taken before the filters had settled is forgotten, the time is not
+            # samples from before the filters had settled are discarded, but count for the length of the lift
             self.lift = c.new_lift()
             self.lift.taken, self.lift.rested = lift.taken + 1, rested
             return
@@ -185,7 +198,7 @@ class LoadEstimator(Estimator):
             self._look(drift, tilt)
 
     def _look(self, drift: DriftKnowledge, tilt: float | None) -> None:
-        """Begin the lift anew from the moment on at which a part of the load fell out or came in, if it did."""
+        """Examine the lift for a spill or an addition of load; if there is one, begin the lift anew after it."""
         c, lift = self.constants, self.lift
         now, last = information(lift.root, lift.gram), Look(lift.moving, tilt)
         if lift.values[0] > SMALLEST * c.rated:
@@ -197,8 +210,9 @@ class LoadEstimator(Estimator):
         lift.look(now, last, KEPT)
 
     def _fade(self, work: Numbers) -> None:
-        """Forget a small share of the old information of a long lift in the directions of the rows of `work`. The
-        estimate and its dependence on the tares do not change."""
+        """Fade a small share of the old information of a long lift in the directions of the rows in `work`.
+
+        The estimate and its dependence on the tares do not change."""
         lift, place = self.lift, self.constants.gate
         columns = part(work, place.columns).reshape(-1, 4)[part(work, place.taken) > 0.0]
         if not len(columns):
@@ -209,7 +223,7 @@ class LoadEstimator(Estimator):
         lift.numbers = lift_numbers(root, gram, (lift.values, lift.covariance))
 
     def conclude(self, drift: DriftKnowledge) -> Weight:
-        """Return mass and centre of the load. The standard error of the mass includes those of tares, drift, scale."""
+        """Return mass and centre of the load, with standard errors by noise, tares, drift and scale."""
         c, concluded = self.constants, ZERO * self.constants.conclusion.size
         c.kernel.conclude(c.solver, self.lift.numbers, drift.values, drift.covariance, concluded)
         return self._weight(concluded)
@@ -225,8 +239,10 @@ class LoadEstimator(Estimator):
         )
 
     def is_plausible(self, weight: Weight) -> bool:
-        """Return whether the estimate can be a load: its mass is positive and its centre within reach; or, for a mass
-        near zero, its first moment is near zero, too."""
+        """Return whether the estimate can be a load.
+
+        Its mass must be positive and its centre within reach. For a mass near zero the first moment must be near zero,
+        too."""
         rated, reach = self.constants.rated, self.constants.reach
         if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)
@@ -238,7 +254,7 @@ class LoadEstimator(Estimator):
         return weight.mass < SMALLEST * self.constants.rated
 
     def doubt(self, weight: Weight) -> Reason | None:
-        """Return the reason why there is no weight; None: there is one."""
+        """Return the reason why there is no valid weight; None: there is one."""
         if self.lift.refused:
             return Reason.IN_CONTACT
         if self.lift.taken < self.constants.settled:
@@ -248,7 +264,7 @@ class LoadEstimator(Estimator):
         return Reason.UNCERTAIN if weight.standard_error >= self.constants.rated else None
 
     def load(self, weight: Weight, *, curled: bool = True) -> Load:
-        """Return the load before zero and tare as it is published; DEGRADED unless the bucket is `curled`."""
+        """Return the load before zero and tare as it is published; a load is DEGRADED unless the bucket is `curled`."""
         if (doubt := self.doubt(weight)) is not None:
             return invalid_load(doubt)
         status, reason = self._trust(weight)

@@ -1,1 +1,1 @@
-"""The force at the tool as it is now: its errors, what of it is the load's, and what happens at the teeth."""
+"""Present force at the tool: its errors, the load's part of it, and the events at the teeth."""

@@ -1,4 +1,4 @@
-"""The load that the force of the soil does not contain: as the weighing knows it."""
+"""Load in the bucket, from the weighing, which the soil force does not contain."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -20,10 +20,10 @@ FILLING_S = 5.0  # s of contact in which a bucket can be filled or emptied; chos
 
 
 class CarriedConstants(Constants):
-    """What the load of one machine can be.
+    """Limits of the load of one machine.
 
-    full:   (4,) m, m x, m z, J about the last pin of a full bucket
-    before: (4, 4) covariance of a load before anything is seen
+    full:   (4,) m, m x, m z, J about the last pin of a full bucket [kg, kg m, kg m, kg m^2]
+    before: (4, 4) prior covariance of a load
     """
 
     def __init__(self, machine: Machine, kernel: Kernel | None = None) -> None:
@@ -38,10 +38,10 @@ class CarriedFilter(Estimator):
     """The load in the bucket.
 
     constants:  of the machine
-    values:     (4,) m, m x, m z, J about the last pin, as last weighed
-    weighed:    (4, 4) covariance of it then
-    filling:    seconds of contact since then
-    known:      whether a load hangs and is weighed now
+    values:     (4,) m, m x, m z, J about the last pin, as last weighed [kg, kg m, kg m, kg m^2]
+    weighed:    (4, 4) covariance of these values when they were weighed
+    filling:    time in contact since they were weighed [s]
+    known:      whether a load is in the bucket and is weighed now
     """
 
     constants: CarriedConstants
@@ -52,15 +52,20 @@ class CarriedFilter(Estimator):
 
     @classmethod
     def start(cls, constants: CarriedConstants) -> Self:
-        """Return the state in which nothing is known of the load."""
+        """Return the state without a weighed load."""
         return cls(constants, values=ZERO * 4, weighed=constants.before, filling=0.0, known=False)
 
     def forget(self) -> None:
-        """Forget the load after an interruption of the measurement."""
+        """Discard the load after an interruption of the measurement."""
         self.values, self.weighed, self.filling, self.known = ZERO * 4, self.constants.before, 0.0, False
 
     def update(self, lift: Lift | None, dt: float, *, touching: bool) -> None:
-        """Take one instant of `dt` [s]: the `lift` where a load hangs, and whether the tool is `touching` something."""
+        """Update the load with one instant.
+
+        lift:     of the load in the bucket; None: no load is weighed
+        dt:       length of the instant [s]
+        touching: whether the tool is in contact
+        """
         self.known = lift is not None and not touching
         if lift is not None and not touching:
             self.values, self.weighed = lift.numbers[LIFT.values], lift.numbers[LIFT.covariance]
@@ -70,7 +75,7 @@ class CarriedFilter(Estimator):
 
     @property
     def covariance(self) -> Numbers:
-        """Covariance (4, 4) of the load: as weighed, and of a bucket that fills while it is in contact."""
+        """Covariance (4, 4) of the load: as weighed, widened while the bucket is in contact and may fill."""
         if not self.filling:
             return self.weighed
         found, c = ZERO * 16, self.constants

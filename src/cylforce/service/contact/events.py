@@ -1,4 +1,4 @@
-"""What happens at the teeth: contact begins and ends, the soil is left, a stiff object, another slope of the ground."""
+"""Events at the teeth: contact begins or ends, the teeth leave the soil, a stiff object, the slope changes."""
 
 from dataclasses import dataclass
 from math import erf, hypot, sqrt
@@ -12,15 +12,15 @@ from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.contact import KEPT, ContactEvent, EventKind
 
 # Fitted on machines of another generator (`tools/accuracy events --foreign`), see tools/studies/README.md.
-BEGINS = 64.0  # f' (C + e e')^-1 f at which contact begins: 8 standard errors, e: error of a force that is late
-ENDS = 12.0  # f' C^-1 f below which there is none: 99.8 % of the noise
+BEGINS = 64.0  # f' (C + e e')^-1 f at which contact begins: 8 standard errors, e: error of the force by its latency
+ENDS = 12.0  # f' C^-1 f below which there is no contact: 99.8 % of the noise
 ENDING_S = 0.1  # s for which it must stay there
 SMALLEST = 0.005  # times the rated force: a smaller one is no contact
 RISE_S = 0.1  # s over which the rise of the force is measured
-STIFF = 2e5  # N/m: rise of the force over the path of the teeth that is no soil; soils seen: up to 5e4
+STIFF = 2e5  # N/m: rise of the force over the path of the teeth that is no soil; measured in soils: up to 5e4
 JUMP = 0.05  # times the rated force: smallest rise that is a stiff object
 INSIDE_M = 0.05  # m of path in contact, before which a rise is only the contact's beginning
-CRAWL_M = 0.01  # m of path within RISE_S: with less the arm presses, and the path says nothing
+CRAWL_M = 0.01  # m of path within RISE_S: with less the arm presses, and the rise over the path is undefined
 DUG_M = 0.3  # m of path in contact, from which on its end is a transition from soil to air
 AGAIN_S = 1.0  # s from one stiff object to the next
 
@@ -41,20 +41,22 @@ class ContactConstants(Constants):
 
 @dataclass(slots=True)
 class ContactDetector(Estimator):
-    """Contact of the tool, and its events. Weight in the bucket is no contact: a force that a hanging mass explains is
-    not counted, so that neither a load that is not known yet nor dumping it looks like contact.
+    """Contact of the tool, and its events.
+
+    Weight in the bucket is no contact. The force that a hanging mass explains is not counted, so that an unknown load,
+    or dumping it, is not mistaken for contact.
 
     constants:   limits
     touching:    whether the tool is in contact
-    away:        seconds since it looked so last
-    seconds:     since contact began
+    away:        time since the force last exceeded the limit ENDS [s]
+    seconds:     time since contact began [s]
     path:        of the teeth since contact began [m]
-    since_stiff: seconds since the last stiff object, at most AGAIN_S
-    forces:      at the instants of the last RISE_S, oldest first [N]
-    paths:       of the teeth at these instants, from an arbitrary beginning on [m]
-    course:      of the ground
+    since_stiff: time since the last stiff object, at most AGAIN_S [s]
+    forces:      magnitudes at the instants of the last RISE_S, oldest first [N]
+    paths:       of the teeth at these instants, from an arbitrary origin [m]
+    course:      of the teeth along the ground
     number:      of events so far
-    events:      the KEPT last ones, newest last
+    events:      the last KEPT events, newest last
     """
 
     constants: ContactConstants
@@ -71,7 +73,7 @@ class ContactDetector(Estimator):
 
     @classmethod
     def start(cls, constants: ContactConstants) -> Self:
-        """Return the state before anything is seen."""
+        """Return the state before any force."""
         return cls(
             constants,
             touching=False,
@@ -87,7 +89,7 @@ class ContactDetector(Estimator):
         )
 
     def interrupt(self) -> None:
-        """Forget all but the events after an interruption of the measurement."""
+        """Discard all but the events after an interruption of the measurement."""
         self.touching, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
         self.since_stiff, self.course = AGAIN_S, NO_COURSE
         self.forces, self.paths = ZERO * (self.constants.window + 1), ZERO * (self.constants.window + 1)
@@ -95,9 +97,11 @@ class ContactDetector(Estimator):
     def update(
         self, t_us: int, force: SolvedForce, late: tuple[float, float], place: complex, velocity: complex
     ) -> None:
-        """Take one instant.
+        """Update contact and events with one instant.
 
-        late:     error (x, z) of the force because it is late [N]
+        t_us:     time [us]
+        force:    at the tool
+        late:     error (x, z) of the force by its latency [N]
         place:    of the teeth, x + i z [m]
         velocity: of the teeth [m/s]
         """
@@ -132,7 +136,7 @@ class ContactDetector(Estimator):
         self._note(kind, t_us, place, probably(sqrt(BEGINS) - sqrt(force.clearness), sqrt(BEGINS), 1.0))
 
     def _check_stiffness(self, t_us: int, force: SolvedForce, place: complex) -> None:
-        """Note a rise of the force over the path of the teeth that no soil has."""
+        """Report a stiff object where the force rises over the path of the teeth more than in any soil."""
         rise, path = self.forces[-1] - self.forces[0], self.paths[-1] - self.paths[0]
         enough = rise > self.constants.jump and path > CRAWL_M and self.path > INSIDE_M
         if not (enough and rise > STIFF * path and self.since_stiff >= AGAIN_S):
@@ -142,7 +146,7 @@ class ContactDetector(Estimator):
         self._note(EventKind.STIFF_OBJECT, t_us, place, probably(rise, self.constants.jump, error))
 
     def _check_slope(self, t_us: int, place: complex) -> None:
-        """Note another slope of the ground."""
+        """Report a change of the ground's slope."""
         self.course, confidence = kink(self.course, place)
         if confidence is not None:
             self._note(EventKind.SLOPE_CHANGES, t_us, place, confidence)
@@ -154,15 +158,18 @@ class ContactDetector(Estimator):
 
 
 def clearness(force: SolvedForce, late: tuple[float, float]) -> float:
-    """Return f' (C + e e')^-1 f of the force f less the weight in the bucket, e: its error (x, z) because it is late.
+    """Return f' (C + e e')^-1 f of the force f less the weight in the bucket.
 
-    A sharp start of the arm looks like a force until the late torque of inertia follows. While the force still changes
-    quickly, it is therefore not certain."""
+    A sharp start of the arm resembles a force until the delayed torque of inertia follows. A force that changes quickly
+    is therefore uncertain by e.
+
+    late: e, error (x, z) of the force by its latency [N]
+    """
     x, z, (late_x, late_z) = force.x, force.z + force.weight, late
     xx, xz, zz = force.xx + late_x * late_x, force.xz + late_x * late_z, force.zz + late_z * late_z
     return (zz * x * x - 2.0 * xz * x * z + xx * z * z) / (xx * zz - xz * xz)
 
 
 def probably(value: float, limit: float, error: float) -> float:
-    """Return the probability that the true value exceeds half the limit, for a normal standard error."""
+    """Return the probability that the true value exceeds half the limit, for a normally distributed `error`."""
     return 0.5 * (1.0 + erf((value - limit / 2.0) / (sqrt(2.0) * max(error, 1e-9))))

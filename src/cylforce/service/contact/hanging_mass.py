@@ -1,4 +1,4 @@
-"""The part of a force that a mass in the bucket explains."""
+"""Part of a force that a mass in the bucket explains."""
 
 from cylforce.signals.units import STANDARD_GRAVITY
 
@@ -8,9 +8,10 @@ HEAVIEST = 2.0  # times the rated payload: largest mass in the bucket; chosen
 def hanging_weight(x: float, z: float, xx: float, xz: float, rated_payload: float) -> float:
     """Return the weight w [N] downwards, of a mass of 0 to HEAVIEST rated payloads, that explains most of a force.
 
-    It minimises (f + w z)' C^-1 (f + w z).
+    w minimises (f + w z)' C^-1 (f + w z), with z the unit vector upwards.
 
-    x, z:   the force f [N]
-    xx, xz: of its covariance C [N^2]
+    x, z:          the force f [N]
+    xx, xz:        elements of its covariance C [N^2]
+    rated_payload: [kg]
     """
     return min(max((xz * x - xx * z) / xx, 0.0), HEAVIEST * rated_payload * STANDARD_GRAVITY)

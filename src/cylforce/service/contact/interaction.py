@@ -1,5 +1,6 @@
-"""From the rows of an instant to the two forces and the events: resultant of all that acts on the tool, and force of
-the soil, which is the resultant less the load in the bucket."""
+"""Resultant, soil force and contact events from the rows of an instant.
+
+The resultant is the force of all that acts on the tool. The soil force is the resultant less the load in the bucket."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -19,12 +20,12 @@ from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.estimate import Array, Force, Reason, invalid_force
 from cylforce.signals.units import STANDARD_GRAVITY
 
-STILL = 0.005  # m/s of a cylinder below which its rows teach nothing about noise; chosen
+STILL = 0.005  # m/s of a cylinder below which no noise is learned from its rows; chosen
 
 
 @dataclass(frozen=True, slots=True)
 class Forces:
-    """The forces of an instant.
+    """Forces of an instant.
 
     resultant: of all that acts on the tool
     soil:      of the soil alone
@@ -35,15 +36,18 @@ class Forces:
 
 
 class ForceConstants(Constants):
-    """What the force of one machine needs.
+    """Constants of the forces of one machine.
 
-    sensor:    status of a force
-    published: lateness of the force on the bus: its filter, and all waits
-    filtered:  lateness against the torques of inertia and weight of the same instant: its filter alone, because all of
-               them wait alike
+    sensor:    determines the status of a force
+    published: latency of the force on the bus: that of its filter, and all waits
+    filtered:  latency against the torques of inertia and weight of the same instant: that of its filter alone, because
+               all of them wait equally long
     lightest:  mass below which a load does not count [kg]
-    acting:    of each row the cylinders that act on its joint
+    acting:    numbers of the cylinders that act on the joint of each row
     dt:        step [s]
+    noise:     constants of the errors of the rows
+    carried:   constants of the load in the bucket
+    contact:   limits of the contact
     """
 
     def __init__(
@@ -62,13 +66,13 @@ class ForceConstants(Constants):
 
 @dataclass(slots=True)
 class ForceEstimator(Estimator):
-    """The interaction of one machine with its surroundings.
+    """Estimator of the forces at the tool and of its contact.
 
     constants: of the machine
     noise:     errors of the rows
     carried:   the load in the bucket
     contact:   of the tool with the ground
-    recent:    the last resultants, from which follows how late the present one is
+    recent:    the last resultants, for the error of the present one by its latency
     """
 
     constants: ForceConstants
@@ -89,7 +93,7 @@ class ForceEstimator(Estimator):
         )
 
     def interrupt(self) -> None:
-        """Keep learned errors and events after an interruption of the measurement."""
+        """Discard all but learned errors and events after an interruption of the measurement."""
         self.noise.interrupt()
         self.carried.forget()
         self.contact.interrupt()
@@ -102,7 +106,7 @@ class ForceEstimator(Estimator):
 
         usable:     (R,) 1 where a row can be used
         drift:      (D,) adapted friction and zeros
-        lift:       of the load that hangs; None: no load is known
+        lift:       of the load in the bucket; None: no load is weighed
         t_us:       time [us]
         undetected: (R, H) torques by probable errors of signals [N m]
         """
@@ -123,11 +127,14 @@ class ForceEstimator(Estimator):
         return forces
 
     def _forces(self, solved: SolvedForce, late: tuple[float, float]) -> Forces:
-        """Return both forces, with errors of signals and because they are late, (x, z) [N].
+        """Return both forces.
 
-        The resultant is that of no contact while nothing touches the tool or hangs in it. The soil's force is the
-        resultant less the load; in the air with a load that is not known yet: less the mass that explains most of
-        it."""
+        The resultant has the reason NO_CONTACT while the tool has neither contact nor a load. The soil force is the
+        resultant less the load. In the air, before a load is weighed, it is the resultant less the mass that explains
+        most of it.
+
+        late: error (x, z) of the forces by their latency [N]
+        """
         c, carried, touching = self.constants, self.carried, self.contact.touching
         hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
         acts = bool(touching or abs(hanging) > c.lightest)
@@ -136,7 +143,7 @@ class ForceEstimator(Estimator):
         return Forces(c.sensor.force(resultant, acts, late), c.sensor.force(soil, touching, late))
 
     def _moving(self, usable: Numbers, speed: Numbers) -> Numbers:
-        """Return the usable rows (R,) whose cylinders move: 1, else 0."""
+        """Return for each row (R,) 1 where it is usable and a cylinder of it moves, else 0."""
         found = usable[:]
         for row, acting in enumerate(self.constants.acting):
             if not any(abs(speed[c]) > STILL for c in acting):

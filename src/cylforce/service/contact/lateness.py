@@ -1,4 +1,4 @@
-"""How late the force is, and its error therefore while it changes."""
+"""Latency of the force, and the error that it causes while the force changes."""
 
 from array import array
 from dataclasses import dataclass
@@ -10,23 +10,24 @@ from cylforce.service.snapshot import Estimator
 
 
 def wait_s(filters: Filters, period_s: float) -> float:
-    """Return the time [s] that a value waits: a signal half a step until it is measured and one step until it is used,
-    the result until the next publication."""
+    """Return the mean time [s] that a value waits.
+
+    A signal waits half a step until it is measured and one step until it is used, the result until it is published."""
     step = 1.0 / filters.rate_hz
     return 1.5 * step + max(period_s - step, 0.0) / 2.0
 
 
 def force_delay_s(filters: Filters, period_s: float) -> float:
-    """Return the time [s] from a slow change of the true force to the bus: the Butterworth low-pass, and the waits."""
+    """Return the delay [s] from a slow change of the true force to the bus: of the Butterworth low-pass, and waits."""
     step = 1.0 / filters.rate_hz
     return wait_s(filters, period_s) + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))
 
 
 class Lateness:
-    """A force is that of `delay_s` ago. Its error is its rate of change times that delay.
+    """Error of a force by its latency: its rate of change times the delay.
 
-    delay_s: time by which the force is late [s]
-    steps:   over which the rate of change is measured: the delay itself, in whole steps
+    delay_s: delay of the force [s]
+    steps:   over which the rate of change is measured: the delay, in whole steps
     share:   delay over the time of these steps
     """
 
@@ -36,7 +37,7 @@ class Lateness:
         self.share = delay_s / (self.steps * dt)
 
     def error(self, recent: "RecentForces", x: float, z: float) -> tuple[float, float]:
-        """Return the error (x, z) [N] of the force `x`, `z` [N], from the `recent` ones."""
+        """Return the error (x, z) [N] of the force `x`, `z` [N], from the `recent` forces."""
         if not recent.x:
             return 0.0, 0.0
         first = max(len(recent.x) - self.steps, 0)
@@ -45,23 +46,24 @@ class Lateness:
 
 @dataclass(slots=True)
 class RecentForces(Estimator):
-    """The forces of the last steps, the newest last; empty before the first force.
+    """Forces of the last steps, newest last; empty before the first force.
 
-    x, z: components [N]
+    x: components forwards [N]
+    z: components upwards [N]
     """
 
     x: Numbers
     z: Numbers
 
     def keep(self, x: float, z: float, steps: int) -> None:
-        """Keep one more force [N], and no more than so many."""
+        """Append a force [N], and drop the oldest one of more than `steps`."""
         if len(self.x) >= steps:
             del self.x[0], self.z[0]
         self.x.append(x)
         self.z.append(z)
 
     def clear(self) -> None:
-        """Forget all after an interruption."""
+        """Discard all forces after an interruption."""
         self.x, self.z = array("d"), array("d")
 
 

@@ -1,5 +1,7 @@
-"""The force at the tool at an instant, and the error of its torque: what is learned in the air, and two causes that are
-foreseen. The arithmetic is the kernel's (estimation/kernel/pushed.py)."""
+"""Force at the tool at an instant, and the errors of the torques from which it is computed.
+
+One part of the errors is learned in the air. Two have a known cause: delayed torque of inertia, and friction of a
+cylinder that reverses. The arithmetic is the kernel's (estimation/kernel/pushed.py)."""
 
 from array import array
 from dataclasses import dataclass
@@ -21,11 +23,11 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.units import STANDARD_GRAVITY
 
 # The figures below are measured on machines of another generator: see tools/studies/README.md.
-PRIOR = 5.0  # times the row error of the weighing: standard error of a row before the machine was seen in the air
-LATE_S = 0.034  # s: the torque of inertia is wrong by this time's change of it
-FADING_S = 0.045  # s in which such an error fades, the delay of the measured speed
+PRIOR = 5.0  # times the row error of the weighing: standard error of a row before the machine has moved in the air
+LATE_S = 0.034  # s: delay of the torque of inertia; its error is its change within this time
+FADING_S = 0.045  # s in which such an error fades: the delay of the measured speed
 LEARNING_S = 20.0  # s of motion in the air in which the learned variance follows; chosen
-LARGEST = 9.0  # normalised square above which a sample teaches no more than this, so that a blow is not noise; chosen
+LARGEST = 9.0  # normalised square at which a sample is cut off in learning, so that a blow is not noise; chosen
 
 SHOWN = 14  # numbers of a force, see `pushed.publish`
 
@@ -37,8 +39,8 @@ class SolvedForce:
     x, z:       components [N]
     xx, xz, zz: their covariance [N^2]
     weight:     weight of the mass in the bucket that explains most of the force [N]
-    clearness:  f' C^-1 f of the rest f
-    numbers:    all that the kernel found (`ForceLayout`)
+    clearness:  f' C^-1 f, with f the force less that weight
+    numbers:    all results of the kernel (`ForceLayout`)
     """
 
     x: float
@@ -52,10 +54,11 @@ class SolvedForce:
 
 
 class NoiseConstants(Constants):
-    """What the force of one machine needs.
+    """Constants of the torque errors of one machine.
 
-    layout: names for the places in the kernel's force
-    size:   of the part of the state that an interruption clears
+    layout:  names of the places in the kernel's results
+    size:    of the part of the state that an interruption clears
+    learned: (R,) prior variance of each row [N^2 m^2]
     """
 
     def __init__(self, model: Model, tares: Tares, rated_force: float, kernel: Kernel | None = None) -> None:
@@ -73,12 +76,14 @@ class NoiseConstants(Constants):
 
 @dataclass(slots=True)
 class TorqueNoise(Estimator):
-    """Errors of the rows of an instant. While the inertia changes, its torque is late; while a cylinder reverses, the
-    sign of its friction is uncertain; the rest is learned from the residual torque in the air.
+    """Errors of the rows of an instant.
+
+    The torque of inertia is delayed while the acceleration changes. The sign of friction is uncertain while a cylinder
+    reverses. All other errors are learned from the residual torque in the air.
 
     constants: of the machine
-    numbers:   covariance (R, R) of the late torque of inertia [N^2 m^2]; reversing (C,): 1 where a cylinder reverses,
-               fading; learned variance (R,) [N^2 m^2]; as the kernel keeps them
+    numbers:   three parts, as the kernel keeps them: covariance (R, R) of the delayed torque of inertia [N^2 m^2];
+               reversing (C,), 1 where a cylinder reverses, then fading; learned variance (R,) [N^2 m^2]
     """
 
     constants: NoiseConstants
@@ -119,18 +124,22 @@ class TorqueNoise(Estimator):
         )
 
     def learn(self, solved: SolvedForce, load: Numbers, good: Numbers) -> None:
-        """Learn from the rows marked in `good` (R,) in the air with a load (4,)."""
+        """Update the learned variances in the air.
+
+        load: (4,) in the bucket
+        good: (R,) 1 for the rows to learn from
+        """
         self.constants.kernel.learn(self.constants.solver, solved.numbers, good, load, self.numbers)
 
     def show(
         self, solved: SolvedForce, load: Numbers, covariance: Numbers, late: tuple[float, float], *, loaded: bool
     ) -> tuple[Numbers, Numbers]:
-        """Return what is published of the resultant, and of the force of the soil (`pushed.publish`).
+        """Return the published numbers (SHOWN,) of the resultant, and of the soil force (`pushed.publish`).
 
         load:       (4,) in the bucket
         covariance: (4, 4) of the load
-        late:       error (x, z) of both forces, because they are late [N]
-        loaded:     whether the load is in the bucket; else the soil's force is less the mass that explains most of it
+        late:       error (x, z) of both forces by their latency [N]
+        loaded:     whether the soil force is the resultant less this load; else less the mass that explains most of it
         """
         c, place, (late_x, late_z) = self.constants, self.constants.layout, late
         numbers = solved.numbers[:]

@@ -1,5 +1,7 @@
-"""A base that rocks or brakes, and no inertial sensor on it: noticed in the tilt's own motion, and in what the torques
-have in common. It does not correct the weight; it widens the error of every row (mechanics/README.md, section 3)."""
+"""Acceleration of a base that rocks or brakes and has no inertial sensor.
+
+It is estimated from the second difference of the tilt, and from the residual torques that all joints have in common. It
+does not correct the weight; it widens the error of every row (mechanics/README.md, section 3)."""
 
 from array import array
 from dataclasses import dataclass
@@ -17,24 +19,25 @@ from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.kinds import Kind
 
 MEMORY_SECONDS = 4.0  # s over which the acceleration is averaged; chosen: two periods of a slowly rocking machine
-# s between two looks, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth of a
+# s between two updates, over which the tilt is averaged; three such means give an acceleration; chosen: a tenth of a
 # period of rocking on tyres
 LAG_SECONDS = 0.1
 # m from the ground, about which a base turns, to the first pin: 1.7 to 2.1 on machines of 15 to 20 t
 PIN_HEIGHT = 2.0
-FITS = 9.0  # mean squared remainder in standard errors (3 squared), above which it is no load; as for the weighing
-WIDEST = 2.0  # m/s^2, standard error of an acceleration before anything is seen: tyres slide at 5; chosen
+FITS = 9.0  # mean squared residual in standard errors (3 squared), above which it is no load; as for the weighing
+WIDEST = 2.0  # m/s^2, prior standard error of an acceleration: tyres slide at 5; chosen
 
 
 class BaseConstants(Constants):
-    """What the motion of one machine's base needs.
+    """Constants of the motion of one machine's base.
 
-    inertial: whether an inertial sensor on the base measures it
-    lag:      steps between two looks
-    lag_s:    the same [s]
-    share:    of each look in the averages
-    noise:    variance of the angular acceleration that the tilt sensor's noise alone shows [rad^2/s^4]
-    settled:  samples of a lift before its load is used
+    inertial:   whether an inertial sensor on the base measures it
+    lag:        steps between two updates
+    lag_s:      time between two updates [s]
+    share:      weight of each update in the averages
+    noise:      variance of the angular acceleration by the tilt sensor's noise alone [rad^2/s^4]
+    settled:    samples of a lift before its load is used
+    parameters: P, number of parameters of the model
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
@@ -51,16 +54,16 @@ class BaseConstants(Constants):
 
 @dataclass(slots=True)
 class BaseFilter(Estimator):
-    """How the base moves.
+    """Variances of the base's acceleration.
 
     constants: of the machine
-    forward:   variance of the first pin's acceleration forwards, as the torques show it [m^2/s^4]
-    upward:    variance of its acceleration upwards [m^2/s^4]
-    turning:   variance of the base's angular acceleration, as the tilt shows it [rad^2/s^4]
+    forward:   variance of the first pin's acceleration forwards, from the torques [m^2/s^4]
+    upward:    variance of the first pin's acceleration upwards, from the torques [m^2/s^4]
+    turning:   variance of the base's angular acceleration, from the tilt [rad^2/s^4]
     pitches:   the last mean pitches [rad], at most three, newest last
-    total:     sum of the running mean's pitches [rad]
-    number:    how many they are
-    wider:     (R,) added to the variance of each row [N^2 m^2]; empty: nothing
+    total:     sum of the pitches of the running mean [rad]
+    number:    number of these pitches
+    wider:     (R,) added to the variance of each row [N^2 m^2]; empty before the first update
     """
 
     constants: BaseConstants
@@ -82,10 +85,10 @@ class BaseFilter(Estimator):
         self.pitches, self.total, self.number = (), 0.0, 0
 
     def update(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
-        """Take one instant, and widen the variances of its residual.
+        """Update the accelerations with one instant, and widen the variances of its residual.
 
-        residual: `wider` of it is set
-        channels: (D,) the last three are pitch, roll, slew
+        residual: its field `wider` is set
+        channels: (D,), of which the last three are pitch, roll, slew
         lift:     before this instant
         usable:   (R,) 1 where a row can be used
         """
@@ -99,7 +102,7 @@ class BaseFilter(Estimator):
             residual.wider = self.wider
 
     def _look(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
-        """Estimate the accelerations from a mean pitch, and from the torques that a settled load does not explain."""
+        """Update the accelerations from a mean pitch, and from the torques that a settled load does not explain."""
         c, rows = self.constants, len(usable)
         self._tilt()
         swings = PIN_HEIGHT**2 * max(self.turning - c.noise, 0.0)
@@ -113,7 +116,7 @@ class BaseFilter(Estimator):
         self.wider = wider
 
     def _tilt(self) -> None:
-        """Take one mean pitch; three of them give an angular acceleration."""
+        """Append one mean pitch; three mean pitches give an angular acceleration."""
         self.pitches = (*self.pitches, self.total / self.number)[-3:]
         self.total, self.number = 0.0, 0
         if len(self.pitches) == 3:

@@ -1,20 +1,21 @@
-"""The slope of the ground along which the teeth are dragged, from the path of the teeth while they are in contact."""
+"""Slope of the ground along which the teeth are dragged, from the path of the teeth in contact."""
 
 from math import atan, atan2, exp, hypot, pi, radians, sqrt
 
 EVERY_M = 0.05  # m between two points of the course; chosen
 POINTS = 6  # of a straight piece, 0.25 m long; chosen
-LARGEST_BEND = 0.003  # m: rms distance from a line from which on a piece is not straight; chosen
+LARGEST_BEND = 0.003  # m: least rms distance from a line of a piece that is not straight; chosen
 TURN = radians(6.0)  # by which the slope must change; an arc of 3 m turns by 4.8 degrees over such pieces; chosen
 
 
 Course = tuple[tuple[float, float], ...]  # points x, z [m]
-NO_COURSE: Course = ()  # that has not begun
+NO_COURSE: Course = ()  # before the first point
 
 
 def kink(course: Course, place: complex) -> tuple[Course, float | None]:
-    """Return the course with the present place, and the confidence with which the slope has changed between its last
-    two straight pieces; None: it has not.
+    """Return the course with the present place, and the confidence that the slope has changed.
+
+    The slopes of the last two straight pieces are compared. The confidence is None where they agree.
 
     course: at most the points of two pieces
     place:  of the teeth, x + i z [m]
@@ -37,7 +38,7 @@ def kink(course: Course, place: complex) -> tuple[Course, float | None]:
 def line(points: Course) -> tuple[float, float]:
     """Return the inclination [rad] of the line through points, and their rms distance from it [m].
 
-    The line is the direction in which the points vary most, the distance the square root of the smaller variance."""
+    The line lies in the direction of largest variance; the distance is the square root of the smaller variance."""
     count = len(points)
     middle_x, middle_z = sum(x for x, _ in points) / count, sum(z for _, z in points) / count
     xx = sum((x - middle_x) ** 2 for x, _ in points)

@@ -1,1 +1,1 @@
-"""What is loaded: the working cycle, and the truck that receives the buckets."""
+"""Loading: the lift, the working cycle, and the truck that receives the buckets."""

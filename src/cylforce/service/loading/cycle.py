@@ -1,5 +1,4 @@
-"""What happened since the last booking: for how long, how much of it in contact with the ground, and the largest force
-of the soil."""
+"""Working cycle since the last booking: its length, its time in contact, and its largest soil force."""
 
 from dataclasses import dataclass
 
@@ -11,7 +10,7 @@ from cylforce.signals.estimate import Estimate, Reason, Status
 class LastBucket:
     """Figures of a booked bucket besides its weight.
 
-    cycle:   length of its cycle [s]
+    cycle:   length of its working cycle [s]
     contact: time in contact [s]
     peak:    largest soil force [N]
     """
@@ -23,10 +22,10 @@ class LastBucket:
 
 @dataclass(slots=True)
 class Cycle(Estimator):
-    """A working cycle.
+    """Working cycle.
 
-    begun_us:   when it began [us]; 0: not yet
-    contact_us: how long the tool was in contact [us]
+    begun_us:   time at which it began [us]; 0: it has not
+    contact_us: time in contact [us]
     peak:       largest soil force [N]
     seen_us:    time of the last estimate [us]
     """
@@ -37,7 +36,7 @@ class Cycle(Estimator):
     seen_us: int = 0
 
     def update(self, estimate: Estimate) -> None:
-        """Take one more estimate."""
+        """Update the cycle with one estimate."""
         t_us, force = estimate.t_us, estimate.soil.magnitude
         self.begun_us = self.begun_us or t_us
         if force.status is not Status.INVALID and force.reason is not Reason.NO_CONTACT:
@@ -47,5 +46,5 @@ class Cycle(Estimator):
 
     @property
     def figures(self) -> LastBucket:
-        """The figures of the cycle, when a booking has ended it."""
+        """Figures of the cycle up to the last estimate."""
         return LastBucket(1e-6 * (self.seen_us - self.begun_us), 1e-6 * self.contact_us, self.peak)

@@ -1,4 +1,4 @@
-"""A lift: what the rows since its beginning say about the load, and what is concluded from them."""
+"""Lift: the recursive estimate of the load from the rows since its beginning, and the weight concluded from it."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -19,10 +19,10 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """A moment at which the lift was examined for a spill.
+    """Instant at which the lift was examined for a spill.
 
-    moving: number of samples in motion before it
-    tilt:   angle of the tool to the house then [rad]; None where the tool does not empty by tilting
+    moving: number of samples in motion before this instant
+    tilt:   angle of the tool to the house at this instant [rad]; None where the tool does not empty by tilting
     """
 
     moving: int
@@ -34,14 +34,14 @@ class Lift(Estimator):
     """Recursive estimate of the load's (m, m x, m z, J about the last pin), without drift.
 
     numbers: information, estimate, covariance and gram, as the kernel keeps them (`LiftLayout`)
-    taken:   number of samples that the load fits
-    refused: number of samples in a row that it does not fit
+    taken:   number of samples that fit the load
+    refused: number of samples in a row that do not fit the load
     moving:  number of samples in motion
     rested:  (R,) number of samples for which each row has been at rest, less those in motion since
-    marks:   (M, 4, 5 + P + D) information about the load at the last looks
-    looks:   the last M looks for a spill
-    mixed:   whether the filters still contain what was before the lift
-    tilt:    angle of the tool at the first look, when this load began to hang [rad]; None: no look yet
+    marks:   (M, 4, 5 + P + D) information about the load at the last M examinations for a spill
+    looks:   the last M examinations for a spill
+    mixed:   whether the filters still contain samples from before the lift
+    tilt:    angle of the tool at the first examination, at the start of this load [rad]; None: not examined yet
     """
 
     numbers: Numbers
@@ -56,11 +56,12 @@ class Lift(Estimator):
 
     @classmethod
     def start(cls, spread: Array, parameters: int, rows: int, *, mixed: bool = False) -> Self:
-        """Return a lift of which nothing is known.
+        """Return a lift without samples.
 
-        spread:     (4,) standard errors of a load before anything is seen
-        parameters: P + D
-        rows:       R
+        spread:     (4,) prior standard errors of a load
+        parameters: P + D, number of tares and drifts
+        rows:       R, number of measured torques
+        mixed:      whether the filters still contain another motion
         """
         root, nothing = known(np.zeros(4), spread), np.zeros((4, parameters))
         marks = information(root, nothing)[None]
@@ -77,26 +78,26 @@ class Lift(Estimator):
 
     @property
     def root(self) -> Root:
-        """The information R'R on the load as its triangle, with the right-hand side."""
+        """Information R'R on the load as its triangular factor R, with the right-hand side."""
         return Root(part(self.numbers, LIFT.factor).reshape(4, 4), part(self.numbers, LIFT.right))
 
     @property
     def values(self) -> Array:
-        """The estimate (4,)."""
+        """Estimate (4,) of the load."""
         return part(self.numbers, LIFT.values)
 
     @property
     def covariance(self) -> Array:
-        """Its covariance (4, 4)."""
+        """Covariance (4, 4) of the load."""
         return part(self.numbers, LIFT.covariance).reshape(4, 4)
 
     @property
     def gram(self) -> Array:
-        """(4, P + D), with which its sensitivity to tares and drift is covariance @ gram."""
+        """Products (4, P + D) with columns of tares and drift; covariance @ gram is the load's sensitivity to them."""
         return part(self.numbers, LIFT.gram).reshape(4, -1)
 
     def error_by_drift(self, covariance: Array) -> float:
-        """Return the standard error [kg] of the mass by a drift of this `covariance` (D, D)."""
+        """Return the standard error [kg] of the mass by a drift with the `covariance` (D, D)."""
         gain = self.covariance[0] @ self.gram[:, -len(covariance) :]
         return sqrt(max(float(gain @ covariance @ gain), 0.0))
 
@@ -111,17 +112,24 @@ class Lift(Estimator):
         return self.values[:3] - change[:, len(tares) :] @ drift.values, self.covariance[:3, :3] + unsure
 
     def look(self, now: Array, last: Look, most: int) -> None:
-        """Keep a look and its information `now` (4, 5 + P + D); at `most` so many are kept."""
+        """Append an examination for a spill.
+
+        now:  (4, 5 + P + D) information about the load at it
+        last: the examination
+        most: number of examinations that are kept
+        """
         self.marks = np.concatenate([self.marks[1 - most :], now[None]])
         self.looks = (*self.looks[1 - most :], last)
         self.tilt = last.tilt if self.tilt is None else self.tilt
 
     def since(self, at: int, now: Array, last: Look, every: int, nothing: Array) -> "Lift":
-        """Return the lift from its look `at` on, when another load began to hang.
+        """Return the lift since an earlier examination, at which the load changed.
 
-        now:     (4, 5 + P + D) information at the `last` look
-        every:   samples between two looks
-        nothing: (4, 5 + P + D) information of a lift of which nothing is known
+        at:      number of that examination in `looks`
+        now:     (4, 5 + P + D) information at the `last` examination
+        last:    the present examination
+        every:   samples between two examinations
+        nothing: (4, 5 + P + D) information of a lift without samples
         """
         begun = self.looks[at]
         marks = np.concatenate([self.marks[at:], now[None]]) - self.marks[at] + nothing
@@ -141,21 +149,25 @@ class Lift(Estimator):
 
 
 def lift_numbers(root: Root, gram: Array, estimate: tuple[Array, Array] | None = None) -> Numbers:
-    """Return the numbers of a lift as the kernel keeps them; `estimate`: values (4,) and covariance (4, 4) where they
-    are known, else they are solved from the root."""
+    """Return the numbers of a lift as the kernel keeps them.
+
+    root:     information on the load
+    gram:     (4, P + D) products with the columns of tares and drift
+    estimate: values (4,) and covariance (4, 4); None: solved from the root
+    """
     values, covariance = solution(root) if estimate is None else estimate
     return numbers(np.concatenate([np.ravel(each) for each in (*root, values, covariance, gram)]))
 
 
 @dataclass(slots=True)
 class Weight:
-    """What a lift concludes about the load.
+    """Load as concluded from a lift.
 
-    mass:           [kg]
+    mass:           of the load [kg]
     standard_error: of the mass by noise, tares, drift and scale [kg]
-    centre:         x + i z of the load in the last link's frame [m]
+    centre:         of the load, x + i z in the last link's frame [m]
     centre_error:   standard errors of x and z [m]
-    drifted:        standard error of the first moment by a drift that is not known yet [kg m]
+    drifted:        standard error of the first moment by a drift that is not estimated yet [kg m]
     """
 
     mass: float

@@ -1,5 +1,4 @@
-"""The truck (or any other target) that is being loaded: which buckets it has received, and the operator's commands
-about it."""
+"""Truck (or any other target) that is being loaded: its buckets, and the operator's commands about it."""
 
 from dataclasses import dataclass, replace
 
@@ -14,12 +13,12 @@ TOO_FAR = 0x06090030  # SDO abort code (CiA 301): value range exceeded
 
 @dataclass(frozen=True, slots=True)
 class Bucket:
-    """A booked bucket.
+    """Booked bucket.
 
     number:   of the booking
-    mass:     what left the bucket less the tare [kg]
+    mass:     that left the bucket, less the tare [kg]
     accepted: whether its mass counts
-    part:     of the truck into which it went
+    part:     of the truck that received it
     """
 
     number: int
@@ -30,15 +29,15 @@ class Bucket:
 
 @dataclass(frozen=True, slots=True)
 class Truck:
-    """The open truck.
+    """Open truck.
 
     number:  of the truck
     target:  of the present part [kg]; 0: none
     product: number of its product; 0: none
-    total:   mass of the buckets that count [kg]
-    filled:  number of these buckets
-    buckets: the last KEPT ones, accepted or not
-    part:    1 the truck itself, from 2 on its trailer, or the rest of it for another product
+    total:   mass of the accepted buckets [kg]
+    filled:  number of the accepted buckets
+    buckets: the last KEPT buckets, accepted or not
+    part:    1: the truck itself; 2 and more: its trailer, or its remaining space for another product
     in_part: mass in the present part [kg]
     first:   target of the first part [kg]
     trailer: target of the trailer [kg]
@@ -65,7 +64,7 @@ class Ruling:
 
     truck:   after the command
     verdict: 0: done; else the SDO abort code
-    words:   what was decided
+    words:   the decision, for a person
     """
 
     truck: Truck
@@ -74,14 +73,14 @@ class Ruling:
 
 
 def loaded(truck: Truck, booking: Booking, tare: float) -> Truck:
-    """Return the truck with one more bucket: what left it, less the `tare` [kg]."""
+    """Return the truck with one more bucket, whose mass is the booking's dumped mass less the `tare` [kg]."""
     mass = booking.dumped - tare
     buckets = (*truck.buckets, Bucket(booking.number, mass, part=truck.part))[-KEPT:]
     return replace(_changed(truck, truck.part, mass), filled=truck.filled + 1, buckets=buckets)
 
 
 def refined(truck: Truck, number: int, change: float) -> Truck:
-    """Return the truck when bucket `number` is known to have brought `change` [kg] more."""
+    """Return the truck with the mass of bucket `number` corrected by `change` [kg]."""
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:
         return truck
@@ -90,7 +89,7 @@ def refined(truck: Truck, number: int, change: float) -> Truck:
 
 
 def _changed(truck: Truck, part: int, by: float) -> Truck:
-    """Return the truck with a mass [kg] more in one of its parts."""
+    """Return the truck with the mass `by` [kg] added to one of its parts."""
     return replace(truck, total=truck.total + by, in_part=truck.in_part + (by if part == truck.part else 0.0))
 
 
@@ -102,7 +101,7 @@ def aimed(truck: Truck, target: float) -> Ruling:
 
 
 def trailer_aimed(truck: Truck, target: float) -> Ruling:
-    """Set the target [kg] of the trailer, or whatever part is next; 0: none."""
+    """Set the target [kg] of the trailer, or of any other next part; 0: none."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, trailer=target), DONE, f"target of the trailer set to {target:.1f} kg")
@@ -115,7 +114,7 @@ def _too_far(truck: Truck, target: float) -> Ruling | None:
 
 
 def next_part(truck: Truck) -> Ruling:
-    """Go on to the trailer, or to the rest of the truck for another product: a part with its own target and sum."""
+    """Begin the next part, with its own target and sum: the trailer, or the remaining space for another product."""
     first = truck.target if truck.part == 1 else truck.first
     after = replace(truck, part=truck.part + 1, in_part=0.0, first=first, target=truck.trailer)
     return Ruling(
@@ -138,7 +137,7 @@ def next_truck(truck: Truck) -> Ruling:
 
 
 def judged(truck: Truck, number: int, accepted: bool) -> Ruling:
-    """Cancel bucket `number` of this truck, or accept it again; once more has no further effect."""
+    """Cancel bucket `number` of this truck, or accept it again; a repeated command has no further effect."""
     what = "accepted" if accepted else "cancelled"
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:

@@ -1,1 +1,1 @@
-"""Plausibility between sensors: which signal the others contradict."""
+"""Plausibility between sensors: detection of signals that contradict the others or themselves."""

@@ -1,5 +1,6 @@
-"""Has an angle leapt farther than the machine can move, and stayed there? The inputs count such leaps
-(`service/assembler.py`); their sum is by how much the angle is off."""
+"""Detector of angles that have stepped farther than the machine can move.
+
+The inputs add up such steps (`service/assembler.py`); the sum is the error of the angle."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -10,7 +11,7 @@ from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, Se
 
 @dataclass(slots=True)
 class AngleLeap(Detector):
-    """Signals that leapt and stayed there."""
+    """Signals that have stepped."""
 
     doubt: SensorDoubt = NOTHING_SUSPECTED
 
@@ -30,7 +31,7 @@ class AngleLeap(Detector):
         return cls()
 
     def on_step(self, features: Features) -> None:
-        """Take the signals that the inputs report."""
+        """Report the signals that have stepped according to the inputs."""
         leapt = features.now.leapt
         if leapt != self.doubt.signals:
             self.doubt = SensorDoubt(Level.REJECTED, SensorFault.LEAPT, leapt) if leapt else NOTHING_SUSPECTED

@@ -1,10 +1,9 @@
-"""One second of motion as evidence: how well an empty or a hanging load explains it, and how much better it would if a
-signal were off by a constant.
+"""Blocks of one second of motion as evidence for a load alone, or for a load and a constant error of a signal.
 
-The residual torque of the identified machine is compared, as in `service/recognition.py`, with what a load of the
-block's own, and everyday changes of friction and pressure zeros, can explain. For each signal one column is added: the
-torque per unit of a constant error of it. The rest is then a parabola in the size of that error; its three numbers, and
-the load's mass, are all that is kept of a block."""
+As in `service/recognition.py`, a load of the block's own and the usual changes of friction and pressure zeros explain
+the residual torque of the identified machine. For each signal one column is added: the torque per unit
+of a constant error of it. The squared residual is then a parabola in the size of that error. A block is stored as the
+three coefficients of that parabola, and the load's mass."""
 
 from dataclasses import dataclass, field, fields
 from typing import Self
@@ -29,11 +28,12 @@ from cylforce.signals.kinds import Kind
 EVERY = 20  # steps between the samples that are used: neighbouring ones contain the same information
 SAMPLES = 5  # of a block: one second at 100 Hz
 IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion, as in `recognition`
-FRICTION = 0.5  # of its identified value, by which friction may have changed while it is not known, as in `recognition`
-UNKNOWN = FRICTION / EXPECTED.friction - 1.0  # by how many times it is more than what differs between strokes
+# share of the identified friction by which friction may have changed while it is not adapted, as in `recognition`
+FRICTION = 0.5
+UNKNOWN = FRICTION / EXPECTED.friction - 1.0  # ratio of that to the spread between strokes, less 1
 BAR = 1e5  # Pa
-# m/s of the fastest cylinder, as `pipeline.MOVING`. At rest the ground may push as a constant error does, whatever
-# friction is
+# m/s of the fastest cylinder, as `pipeline.MOVING`. At rest the force of the ground may resemble a constant error,
+# with any friction
 SLOWEST = 0.005
 TILTED = 1e-3  # rad by which an angle is shifted to find its column
 LOAD = 4  # parameters of a load
@@ -49,23 +49,24 @@ def _nothing() -> Array:
 class Block:
     """Evidence of a block about H signals; of several blocks each array has one axis more, (B, ...).
 
-    With an error of size x of signal h it leaves left - 2 linear_h x + square_h x^2, in squares of standard errors, and
-    the load's mass is then mass - slope_h x.
+    With an error x of signal h the squared residual is left - 2 linear_h x + square_h x^2, in squares of standard
+    errors, and the load's mass is mass - slope_h x.
 
-    left:   (1,) squares of the residual without an error
-    mass:   (1,) of the load [kg]
+    left:   (1,) squared residual without an error
+    mass:   (1,) mass of the load [kg]
     spread: (1,) standard error of the mass [kg]
     weight: (1,) number of independent samples
-    linear: (H,) of the parabola
-    square: (H,) of the parabola
-    slope:  (H,) of the mass [kg per unit of the error]
+    linear: (H,) linear coefficients of the parabolas
+    square: (H,) quadratic coefficients of the parabolas
+    slope:  (H,) change of the mass [kg per unit of the error]
 
-    Of F frictions that all blocks share (`common_friction`), in standard errors by which strokes differ:
-    rows:   (F + H + 1, F + H + 1) products of [friction | errors | residual], the load, the zeros and what differs from
-            stroke to stroke taken out
-    masses: (F + H + 1,) the load's mass [kg] by each of them
-    belief: (2, F) mean and standard error of the friction, as the adaptation knows it
-    ways:   (C,) by how much each cylinder moved [m], extending positive
+    Of F frictions that all blocks share (`common_friction`), in standard errors between strokes:
+    rows:   (F + H + 1, F + H + 1) products of [friction | errors | residual], with the load, the zeros and the
+            deviations from stroke to stroke eliminated
+    masses: (F + H + 1,) mass of the load [kg] per unit of each of these columns
+    belief: (2, F) prior mean and standard error of the friction, from the adaptation
+
+    ways:   (C,) motion of each cylinder in the block [m], extending positive
     """
 
     left: Array
@@ -81,29 +82,32 @@ class Block:
     ways: Array = field(default_factory=_nothing)
 
     def followed_by(self, new: "Block", most: int) -> "Block":
-        """Return these blocks and a new one, at most so many of them; this may be no blocks at all."""
+        """Return these blocks followed by a `new` one, the last `most` of them."""
         if not len(self.left):
             return Block(**{f.name: getattr(new, f.name)[None] for f in fields(Block)})
         parts = ((f.name, getattr(self, f.name), getattr(new, f.name)) for f in fields(Block))
         return Block(**{name: np.concatenate([old[1 - most :], one[None]]) for name, old, one in parts})
 
     def explained(self, rated: float) -> bool:
-        """Return whether a load explains this block as it is; `rated`: payload [kg]."""
+        """Return whether a load explains this block without an error of a signal; `rated`: rated payload [kg]."""
         margin, mass = 3.0 * self.spread.item(), self.mass.item()
         hangs = LEAST * rated - margin < mass < MOST * rated
         return bool(hangs and self.left.item() < CONTACT * self.weight.item())
 
 
 def no_blocks(signals: int) -> Block:
-    """Return no blocks, of so many signals."""
+    """Return an empty sequence of blocks about so many `signals`."""
     one, each = np.zeros((0, 1)), np.zeros((0, signals))
     return Block(left=one, mass=one, spread=one, weight=one, linear=each, square=each, slope=each)
 
 
 def cost(block: Block, x: Array | float, rated: float) -> Array:
-    """Return what blocks leave (..., H) if signals are off by `x` (..., H).
+    """Return the squared residuals (..., H) of blocks with errors `x` (..., H) of the signals.
 
-    It is at most CONTACT for each independent sample, and that much if the load would have an impossible mass."""
+    They are at most CONTACT per independent sample, which an impossible mass of the load also has.
+
+    rated: rated payload [kg]
+    """
     most, mass = CONTACT * block.weight, block.mass - block.slope * x
     left = block.left - 2.0 * x * block.linear + x**2 * block.square
     hangs = (mass > LEAST * rated - 3.0 * block.spread) & (mass < MOST * rated)
@@ -111,17 +115,23 @@ def cost(block: Block, x: Array | float, rated: float) -> Array:
 
 
 class BlockConstants(Constants):
-    """What the blocks of one machine need. The H signals are the forces of the cylinders in `pressed` [bar on the head
-    side], then the angles of the joints in `turned` [rad].
+    """Constants of the blocks of one machine.
 
-    model, tares: of the machine
-    pressed:      cylinders whose force is measured
-    turned:       joints with an angle sensor
-    size:         H
-    before:       (D,) standard errors of the drift before anything is seen of it
-    frictions:    F, how many of the drifts are frictions; the others are zeros
-    prior:        (4 + D,) information on load and everyday changes
-    memory:       samples that count as an independent one
+    The H signals are the forces of the cylinders in `pressed` [bar on the head side], then the angles of the joints in
+    `turned` [rad].
+
+    model:     of the machine
+    tares:     of the machine
+    pressed:   numbers of the cylinders whose force is measured
+    turned:    numbers of the joints with an angle sensor
+    size:      H, number of signals
+    rows:      R, number of measured torques
+    rated:     rated payload [kg]
+    before:    (D,) standard errors of the drift between strokes, the unit of the drift's columns
+    frictions: F, number of the drifts that are frictions; the others are zeros
+    prior:     (4 + D,) information on load and usual changes
+    memory:    number of samples that count as one independent sample
+    daily:     (D,) standard errors of the drift from day to day
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
@@ -149,24 +159,32 @@ class BlockConstants(Constants):
         self.plan = making.plan(model, self.kernel.KernelPlan)
 
     def everyday(self, drift: DriftFilter) -> Array:
-        """Return the standard errors (D,) of everyday changes of friction and zeros: those of friction become smaller
-        when the adaptation has measured how it is now."""
+        """Return the standard errors (D,) of the usual changes of friction and zeros.
+
+        Those of friction become smaller when the adaptation has determined the present friction."""
         found = ZERO * len(self.before)
         self.kernel.everyday(self.solver, drift.covariance, self.before, self.frictions, UNKNOWN, found)
         return np.frombuffer(found)
 
     def prior_of(self, drift: DriftFilter) -> Array:
-        """Return the information (4 + D,) on load and changes where friction and zeros of this machine, as its returns
-        show (cold oil), spread more than every day's."""
+        """Return the prior information (4 + D,) on load and changes.
+
+        It is smaller than usual where the returns of this machine show a larger spread of friction and zeros (cold
+        oil)."""
         own = self.daily * np.sqrt(drift.scale)[self._kinds]
         wider = np.maximum(own / self.everyday(drift), 1.0)
         return np.asarray(self.prior / np.concatenate([np.ones(LOAD), wider**2]))
 
     def errors(self, instant: Instant, channels: Numbers, load: Array) -> Array:
-        """Return the torque (R, H) [N m] by a unit of each error, at `channels` (D,).
+        """Return the residual torque (R, H) [N m] per unit of each error.
 
-        That of a reading of an angle too large by one radian is what it adds to the rest of the gravity of tares and
-        `load` (4,): g Re((X + i Z) exp(i q)) of each link, and the levers, change."""
+        An angle that reads one radian too large changes the levers, and the modelled gravity of tares and load,
+        g Re((X + i Z) exp(i q)) of each link.
+
+        instant:  rows of the step
+        channels: (D,) joint angles, forces, attitude
+        load:     (4,) in the bucket
+        """
         found = ZERO * (self.rows * self.size)
         room = (ZERO * len(self.tares.values), ZERO * (self.rows * len(self.turned)))
         of = (self._columns, len(self.pressed), self._per_bar, self._joints, len(self.turned), TILTED)
@@ -174,16 +192,22 @@ class BlockConstants(Constants):
         return np.frombuffer(found).reshape(self.rows, -1)
 
     def turned_force(self, channels: Numbers, force: complex) -> Array:
-        """Return the torque (R, H) [N m] that a unit of each error seems to take from a `force` x + i z [N] at the
-        tool, at `channels` (D,): an angle that is read too large turns all that is beyond its joint."""
+        """Return the torque (R, H) [N m] per unit of each error that is missing from that of a force at the tool.
+
+        An angle that reads too large rotates all links beyond its joint.
+
+        channels: (D,) joint angles, forces, attitude
+        force:    x + i z [N]
+        """
         found = ZERO * (self.rows * self.size)
         angles = (self._joints, len(self.turned), len(self.pressed))
         self.kernel.turn_force(self.plan, channels, force.real, force.imag, *angles, found)
         return np.frombuffer(found).reshape(self.rows, self.size)
 
     def without_zeros(self, rows: Array, drift: DriftFilter) -> Array:
-        """Return rows (K, K) of a block with the drift of the zeros taken from the residual, as it is taken from the
-        weight."""
+        """Return the products (K, K) of a block's rows with the drift of the zeros subtracted from the residual.
+
+        The weight subtracts the same drift."""
         first, own = LOAD + self.frictions, slice(self.frictions, None)
         change = np.eye(len(rows))
         change[first : LOAD + len(self.before), -1] = -self.tares.scale * drift.values[own] / self.before[own]
@@ -195,14 +219,14 @@ class BlockGatherer(Estimator):
     """Samples of motion, gathered into blocks.
 
     constants: of the machine
-    load:      (4,) of the block before; zero in contact
-    gram:      (K, K) of the running block's rows [load | everyday changes | errors | residual], flat
-    last:      (K, K) of the block before
-    errors:    (R, H) torque by a unit of each error at the last sample [N m]
+    load:      (4,) estimated in the previous block; zero in contact
+    gram:      (K, K) products of the running block's rows [load | usual changes | errors | residual], flat
+    last:      (K, K) products of the previous block's rows
+    errors:    (R, H) torque per unit of each error at the last sample [N m]
     rows:      number of rows of the running block
     samples:   number of samples of the running block
-    ways:      (C,) that the cylinders moved in the running block [m]
-    block:     the block that ended with the last sample; None: none did, or the machine hardly moved
+    ways:      (C,) motion of the cylinders in the running block [m]
+    block:     the block that ended with the last sample; None: no block ended, or the machine hardly moved
     """
 
     constants: BlockConstants
@@ -233,7 +257,7 @@ class BlockGatherer(Estimator):
 
     @property
     def ended(self) -> bool:
-        """Whether a block has ended with the last sample."""
+        """Return whether a block has ended with the last sample."""
         return self.samples == 0
 
     @property
@@ -243,11 +267,11 @@ class BlockGatherer(Estimator):
 
     @property
     def explained(self) -> bool | None:
-        """Whether a load explains the block that has just ended; None: there is none."""
+        """Return whether a load explains the block that has just ended; None: no block has."""
         return None if self.block is None else self.block.explained(self.constants.rated)
 
     def interrupt(self) -> None:
-        """Begin the running block anew: the measurement stopped."""
+        """Begin the running block anew, because the measurement stopped."""
         self.last = np.zeros_like(self.last)
         self._begin()
 
@@ -256,11 +280,11 @@ class BlockGatherer(Estimator):
         self.ways = np.zeros_like(self.ways)
 
     def update(self, instant: Instant, channels: Numbers, drift: DriftFilter) -> None:
-        """Take one sample; with the last one of a block this is concluded, unless the machine hardly moved.
+        """Add one sample to the running block; its last sample concludes it, unless the machine hardly moved.
 
-        Of the drift only friction is believed: a zero that drifts may be a fault.
+        Of the drift only friction is subtracted: a zero that drifts may be a fault.
 
-        channels: (D,) about which the slow rows are
+        channels: (D,) of the slow rows
         """
         c, self.block = self.constants, None
         self.errors = c.errors(instant, channels, self.load)
@@ -278,19 +302,20 @@ class BlockGatherer(Estimator):
         self._begin()
 
     def _take_rows(self, instant: Instant, drift: DriftFilter) -> int:
-        """Take the rows of one sample that are in motion, in units of their standard errors; return their number.
-        Friction changes less from day to day when the adaptation has measured how it is now."""
+        """Add the rows in motion of one sample to the block, in units of their standard errors; return their number.
+
+        The spread of friction is smaller when the adaptation has determined the present friction."""
         c, drifts = self.constants, len(self.constants.before)
         seen = (instant.numbers, instant.usable, drift.values, drift.covariance, c.before, c.frictions, UNKNOWN)
         room = (ZERO * ((3 + drifts) * c.rows), ZERO * drifts, ZERO * drifts)
         return c.kernel.gather_block(c.solver, *seen, self.errors, c.size, 1.0, *room, self.gram)
 
     def conclude(self, drift: DriftFilter) -> Block:
-        """Return the block that has ended."""
+        """Return the evidence of the block that has ended."""
         c, prior = self.constants, self.constants.prior_of(drift)
         gram, known = self.products / c.memory, len(prior)
         inverse = np.linalg.inv(gram[:known, :known] + np.diag(prior))
-        both = gram[:known, known:]  # load and everyday changes against errors and residual
+        both = gram[:known, known:]  # load and usual changes against errors and residual
         reduced = gram[known:, known:] - both.T @ inverse @ both
         masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
         rows, shared_masses, belief = self._shared(drift, prior)
@@ -313,9 +338,9 @@ class BlockGatherer(Estimator):
     def _shared(self, drift: DriftFilter, prior: Array) -> tuple[Array, Array, Array]:
         """Return `rows`, `masses` and `belief` of a block.
 
-        With the friction f of all blocks and e, what differs in this one: torque = C (f + e). e has a standard error of
-        one, and is taken out as the load is. The gram's residual is that beside the friction of the `drift`; here it is
-        that beside the identified one, so that f means the same in all blocks."""
+        With the friction f of all blocks and its deviation e in this block, torque = C (f + e). e has a standard error
+        of one, and is eliminated as the load is. The gram's residual is relative to the friction of the `drift`. Here
+        it is made relative to the identified friction, so that f has one meaning in all blocks."""
         c, known, own = self.constants, len(prior), slice(self.constants.frictions)
         everyday = c.everyday(drift) / c.before
         scale = np.ones(len(self.last))

@@ -1,10 +1,10 @@
 """Evidence for an error of one signal when all blocks have one friction.
 
-Each block alone may have any everyday friction, and pays for it with its prior. In cold oil friction is far from its
-value at commissioning, but it is the same in all blocks: if each second paid for it anew, a slipped angle, which
-explains a part of it, would become evident within half a minute. Here the hypotheses, with the error and without, each
-choose one friction for all blocks, and pay for it once. What differs from stroke to stroke each block still chooses
-itself."""
+Each block by itself may have any friction within the usual spread, at the cost of its prior. In cold oil friction is
+far from its value at commissioning, but the same in all blocks. If each block paid the prior's cost, a slipped angle,
+which explains a part of the residual, would become evident within half a minute. Here each hypothesis, with the error
+and without, has one friction for all blocks, whose prior counts once. Deviations from stroke to stroke are still fitted
+in each block."""
 
 from dataclasses import dataclass
 
@@ -19,9 +19,9 @@ from cylforce.signals.estimate import Array
 class FrictionFit:
     """One friction of all blocks, fitted beside errors of a signal.
 
-    costs:    (B,) what each block leaves, in squares of standard errors
-    price:    of the friction, by its prior
-    friction: (F,) in standard errors by which strokes differ
+    costs:    (B,) squared residual of each block, in squares of standard errors
+    price:    cost of the friction by its prior
+    friction: (F,) in standard errors between strokes
     """
 
     costs: Array
@@ -30,7 +30,7 @@ class FrictionFit:
 
     @property
     def total(self) -> float:
-        """What blocks and prior leave together."""
+        """Sum of the costs of all blocks and the price."""
         return float(self.costs.sum()) + self.price
 
 
@@ -39,7 +39,7 @@ class OneFriction:
     """Blocks of one window (B), and their costs with a friction f (F,) that all of them share.
 
     blocks: with their `rows`, `masses` and `belief`
-    rated:  payload [kg]
+    rated:  rated payload [kg]
     """
 
     blocks: Block
@@ -48,11 +48,11 @@ class OneFriction:
     def evidence(self, signal: int, size: float, begin: int, harmless: Array, scatter: Array, most: float) -> float:
         """Return twice the log likelihood ratio of an error and of none.
 
-        signal:   number of the signal that is off
-        size:     of its error [bar, rad]
-        begin:    the block from which on it is off
-        harmless: (B,) size up to which an error changes no weight
-        scatter:  (B,) variance that each block's torques have beyond that of commissioning
+        signal:   number of the signal with the error
+        size:     of the error [bar, rad]
+        begin:    first block with the error
+        harmless: (B,) size up to which an error does not matter for a weight
+        scatter:  (B,) Birge ratio of each block, 1 or more: variance over that of commissioning
         most:     largest vote of one block
         """
         number = len(self.blocks.left)
@@ -71,8 +71,14 @@ class OneFriction:
         return CONTACT * self.blocks.weight[:, 0]
 
     def _best(self, signal: int, errors: Array, choices: tuple[Mask, ...]) -> FrictionFit:
-        """Return the friction with the least cost, beside `errors` (B,) of a signal. Blocks in contact are no evidence
-        about friction; which those are is one of the `choices` (B,)."""
+        """Return the friction with the least cost, beside errors of a signal.
+
+        Blocks in contact are no evidence about friction, and are not used in its fit.
+
+        signal:  number of the signal
+        errors:  (B,) of the signal [bar, rad]
+        choices: masks (B,) of the blocks to use, each of which is tried
+        """
         mean, spread = self.blocks.belief[-1]
         fits = []
         for used in choices:
@@ -90,7 +96,7 @@ class OneFriction:
         return np.linalg.solve(information, left.sum(axis=0) + mean / spread**2)
 
     def _cost(self, friction: Array, signal: int, errors: Array) -> Array:
-        """Return what blocks leave (B,), at most that of a block in contact; that much for an impossible mass."""
+        """Return the costs (B,), at most that of a block in contact, which an impossible mass also has."""
         parts = np.zeros(self.blocks.masses.shape)
         parts[:, : len(friction)], parts[:, -1] = -friction, 1.0
         parts[:, len(friction) + signal] = -errors

@@ -1,11 +1,11 @@
-"""Is a signal off by a constant? Blocks of motion vote (generalised likelihood ratio).
+"""Detector of signals with a constant error, by votes of blocks of motion (generalised likelihood ratio).
 
-A block in contact with the ground is explained by no load, whatever signal is suspected: it has no vote. A block in the
-air that a load explains only if a signal is off by x votes for that error; one that a load explains as it is votes
-against it. Errors that change the weight by less than HARMLESS do not matter: they are left to the slow adaptation. No
-block has more than a share of what is needed: several must agree. They must agree on the error whether friction is
-another one in each block, or one in all of them (`common_friction`). At rest nothing votes: there the ground may push
-as a constant error does."""
+No load explains a block in contact with the ground, whatever signal is suspected: it has no vote. A block in the air
+that a load explains only with an error x of a signal votes for that error. A block that a load explains without it
+votes against it. Errors that change the weight by less than HARMLESS are left to the slow adaptation. The vote of one
+block is limited, so that several must agree. They must agree with two models: friction of its own in each block, and
+one friction in all blocks (`common_friction`). Blocks at rest have no vote, because the force of the ground may then
+resemble a constant error."""
 
 from dataclasses import dataclass
 from statistics import NormalDist
@@ -24,28 +24,28 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 KEPT = 48  # blocks that vote
-# False alarms in an hour of motion, if the residual torque were as it was at commissioning: every second each signal is
-# tested once.
+# False alarms in an hour of motion, if the residual torque has the variance of commissioning: each signal is tested
+# once a second.
 FALSE_PER_HOUR = {Level.DOUBTED: 1.0, Level.REJECTED: 0.01}
-VOTES = 4  # blocks at least that a rejection takes
-# Evidence that a signal is off, from which on nothing is OK: chi-squared, exceeded by 1 %; in order: 6.4
+VOTES = 4  # least number of blocks for a rejection
+# Evidence of an error of a signal, from which on nothing is OK: chi-squared, exceeded by 1 %; healthy machines: 6.4
 UNSURE = 6.635
 HARMLESS = GOOD_ENOUGH  # times the rated payload: an error of the weight with which it may be booked
-LARGEST_ANGLE = 0.3  # rad: an angle that is farther off is no slip; chosen
-MOVED = SLOWEST  # m in a block, of one second, from which on a cylinder moved one way
+LARGEST_ANGLE = 0.3  # rad: a larger error of an angle is no slip; chosen
+MOVED = SLOWEST  # m in a block of one second, from which on a cylinder has moved one way
 LARGEST_BARS = 400.0  # beyond the range of any such sensor
 
 
 @dataclass(frozen=True, slots=True)
 class ConstantOffset:
-    """The signal that is most likely off.
+    """Most likely constant error of a signal.
 
-    signal:    its number in the blocks
-    size:      of its error [bar, rad]
-    evidence:  twice the log likelihood ratio, as counted by votes
-    unsure:    whether the evidence is so large that nothing is certain any more, be friction another one in each block
-    confirmed: whether blocks in which a cylinder extends and blocks in which it retracts are evidence, each by
-               themselves, of every cylinder. Friction, which turns round with the motion, is evidence one way
+    signal:    number of the signal in the blocks
+    size:      of the error [bar, rad]
+    evidence:  twice the log likelihood ratio, summed over the votes
+    unsure:    whether the evidence is too large for status OK, with friction of its own in each block
+    confirmed: whether, of every cylinder, blocks in which it extends and blocks in which it retracts are evidence, each
+               by themselves. Friction, which reverses with the motion, is evidence in one direction only
     """
 
     signal: int
@@ -59,11 +59,11 @@ NO_OFFSET = ConstantOffset(0, 0.0, 0.0)
 
 
 class VoteConstants(Constants):
-    """The votes of one machine's blocks.
+    """Constants of the votes of one machine's blocks.
 
-    blocks:  seconds of motion
+    blocks:  constants of the seconds of motion
     limits:  evidence from which on a signal is suspected or rejected: chi-squared with one degree of freedom
-    largest: (H,) size of an error [bar, rad]
+    largest: (H,) largest size of an error [bar, rad]
     """
 
     def __init__(self, machine: MonitoredMachine) -> None:
@@ -80,14 +80,15 @@ class VoteConstants(Constants):
     def likeliest(self, blocks: Block) -> ConstantOffset:
         """Return the most likely error with its evidence, from blocks (B, ...).
 
-        What every block would choose is tried on all; they are counted from the moment on that is most evidence."""
+        The best size of each block is tried on all blocks. Votes are summed from the block on that gives the largest
+        evidence."""
         rated, most = self.blocks.rated, self.most
         sizes = np.clip(blocks.linear / blocks.square, -self.largest, self.largest)  # (B, H)
         x = sizes[:, None, :]
         harmless = HARMLESS * rated / np.maximum(np.abs(blocks.slope), 1e-9)
         as_is = np.minimum(cost(blocks, 0.0, rated), cost(blocks, np.clip(x, -harmless, harmless), rated))
-        # votes (B, B, H) of each block for the size that each block would choose, and their sum (B, H) from the moment
-        # on that is most evidence
+        # votes (B, B, H) of each block for the best size of each block, and their sums (B, H) from the block on that
+        # gives the largest evidence
         votes = np.clip((as_is - cost(blocks, x, rated)) / scatter(blocks), -most, most)
         since = votes[:, ::-1].cumsum(axis=1).max(axis=1)
         unsure = bool(since.max() > UNSURE or since.max() >= most)
@@ -121,20 +122,23 @@ class VoteConstants(Constants):
 
 
 def scatter(blocks: Block) -> Array:
-    """Return the mean square of each independent sample of blocks (B, 1), beside the best error of a signal, in units
-    of its variance, if that is more than one: such torques are that much less evidence (Birge ratio)."""
+    """Return the factor (B, 1), 1 or more, by which blocks are less evidence (Birge ratio).
+
+    It is the mean square of an independent sample, beside the best error of a signal, in units of its variance."""
     most = (blocks.linear**2 / blocks.square).max(axis=1, keepdims=True)
     return np.asarray(np.maximum((blocks.left - most) / blocks.weight, 1.0))
 
 
 def begins(votes: Array) -> int:
-    """Return the block from which on `votes` (B,) are most evidence for an error."""
+    """Return the block from which on the sum of `votes` (B,) is largest."""
     return len(votes) - 1 - int(votes[::-1].cumsum().argmax())
 
 
 def both_ways(blocks: Block, votes: Array) -> bool:
-    """Return whether `votes` (B,) of blocks in which a cylinder extends, and of those in which it retracts, are
-    evidence each, of every cylinder."""
+    """Return whether both directions of motion of every cylinder are evidence, each by itself.
+
+    votes: (B,) of the blocks, in which cylinders extend or retract
+    """
     if not blocks.ways.size:
         return False
     own, ways = np.where(np.arange(len(votes)) >= begins(votes), votes, 0.0), blocks.ways
@@ -144,10 +148,10 @@ def both_ways(blocks: Block, votes: Array) -> bool:
 
 @dataclass(slots=True)
 class ConstantError(Detector):
-    """Signals that are off by a constant.
+    """Signals with a constant error.
 
     constants: of the votes
-    blocks:    the last KEPT ones
+    blocks:    the last KEPT blocks
     offset:    the most likely error
     """
 
@@ -172,17 +176,16 @@ class ConstantError(Detector):
 
     @property
     def unsure(self) -> bool:
-        """Whether there is some evidence that a signal is off by so much that a weight would be wrong; the force would
-        be, too."""
+        """Return whether there is evidence of an error that makes a weight, and the force, wrong."""
         return self.offset.unsure
 
     def interrupt(self, why: Interruption) -> None:
-        """Drop votes that led to nothing when a signal was frozen meanwhile: that is what they were about."""
+        """Discard votes without a suspicion when a signal was frozen, because that signal caused them."""
         if why.frozen:
             self.blocks, self.offset = no_blocks(self.constants.blocks.size), NO_OFFSET
 
     def on_sample(self, features: Features) -> None:
-        """Let a block vote."""
+        """Append a block that has ended, and update the most likely error."""
         if features.blocks.block is not None:
             self.blocks = self.blocks.followed_by(features.blocks.block, KEPT)
             self.offset = self.constants.likeliest(self.blocks)

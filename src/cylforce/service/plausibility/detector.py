@@ -1,5 +1,6 @@
-"""A detector: one way in which signals contradict each other or themselves. A new one is one file with a class as this,
-and one line in `table.py`."""
+"""Base of all detectors: a detector tests for one way in which signals contradict each other or themselves.
+
+A new detector is one file with a subclass of `Detector`, and one line in `table.py`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,14 +21,14 @@ __all__ = ["EVERY", "Description", "Detector", "Features", "Interruption", "Moni
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What a detector does, in words for its chapter.
+    """Description of a detector in words, for its chapter.
 
-    faults:    that it reports
+    faults:    sensor faults that it reports
     looks_at:  its input
-    residual:  what it compares with the threshold
-    threshold: with its origin
-    levels:    suspected, rejected, latched: when
-    recovery:  when the suspicion ends
+    residual:  the quantity that it compares with the threshold
+    threshold: limit of that quantity, with its origin
+    levels:    conditions for suspected, rejected, latched
+    recovery:  condition that ends the suspicion
     """
 
     faults: tuple[SensorFault, ...]
@@ -42,9 +43,10 @@ C = TypeVar("C", bound=Constants)
 
 
 class MonitoredMachine(Constants):
-    """A machine whose signals are monitored.
+    """Constants of a machine whose signals are monitored.
 
-    model, tares: of the machine
+    model:        of the machine
+    tares:        of the machine
     rated_force:  at the tool [N]
     groups:       constants of the statistics of the pressures
     blocks:       constants of the seconds of motion
@@ -56,7 +58,7 @@ class MonitoredMachine(Constants):
         self._made: dict[object, Constants] = {}
 
     def constants(self, kind: "Callable[[MonitoredMachine], C]") -> C:
-        """Return the constants of a detector, made once."""
+        """Return the constants of a detector, which are made once."""
         if kind not in self._made:
             self._made[kind] = kind(self)
         return cast(C, self._made[kind])
@@ -64,11 +66,11 @@ class MonitoredMachine(Constants):
 
 @dataclass(slots=True)
 class Features:
-    """What several detectors need of a step, computed once.
+    """Quantities of a step that several detectors use, computed once.
 
     now:    the step
-    groups: statistics of the pressures, with this step
-    blocks: seconds of motion, with this sample
+    groups: statistics of the pressures, including this step
+    blocks: seconds of motion, including this sample
     """
 
     now: MonitorSample
@@ -78,9 +80,9 @@ class Features:
 
 @dataclass(frozen=True, slots=True)
 class Interruption:
-    """Why the measurement stopped, as far as it matters.
+    """Cause of an interruption of the measurement, as far as detectors use it.
 
-    frozen:  whether a signal was frozen, and none is suspected: votes that led to nothing were about that
+    frozen:  whether a signal was frozen while none is suspected: votes without a suspicion were caused by that signal
     strayed: numbers of the signals outside their range
     """
 
@@ -91,8 +93,10 @@ class Interruption:
 class Detector(Estimator):
     """Base of all detectors.
 
-    A detector keeps its present report in `doubt`; it is taken at the steps at which it changes, and at each sample
-    while something is suspected. `unsure` is some evidence, too little for a suspicion: nothing is booked meanwhile.
+    The monitor reads `doubt` at the steps at which it changes, and at each sample while there is a suspicion. While a
+    detector is `unsure`, nothing is booked.
+
+    doubt: present report of the detector
     """
 
     __slots__ = ()
@@ -106,22 +110,30 @@ class Detector(Estimator):
 
     @property
     def unsure(self) -> bool:
-        """Whether there is evidence, too little for a suspicion."""
+        """Return whether there is evidence, but too little for a suspicion."""
         return False
 
     def on_step(self, features: Features) -> None:
-        """Take a step."""
+        """Update the detector with a step."""
 
     def on_sample(self, features: Features) -> None:
-        """Take every EVERY-th step; `features.blocks.ended` and `.block` tell whether a second of motion has ended."""
+        """Update the detector with every EVERY-th step.
+
+        `features.blocks.ended` is true at the end of a block of one second; `.block` then is that block, or None where
+        the machine hardly moved.
+        """
 
     def interrupt(self, why: Interruption) -> None:
-        """Drop what an interruption of the measurement makes worthless."""
+        """Discard data that an interruption of the measurement makes invalid."""
 
 
 def doubt_of(
     marked: NDArray[np.bool_], signals: list[int], cause: SensorFault, level: Level = Level.REJECTED
 ) -> SensorDoubt:
-    """Return the suspicion of those of the `signals` (P,) that are `marked` (P,), if any are."""
+    """Return the suspicion of the signals that are marked; NOTHING_SUSPECTED where none is.
+
+    marked:  (P,) True where a signal is suspected
+    signals: (P,) numbers of the signals
+    """
     numbers = tuple(signal for signal, each in zip(signals, marked.tolist(), strict=True) if each)
     return SensorDoubt(level, cause, numbers) if numbers else NOTHING_SUSPECTED

@@ -1,10 +1,12 @@
-"""Do the forces belong to the motion? What the tool touches is passive: soil resists, and springs back by centimetres;
-a load hangs. Where the measured force, less that of any load, drives the tool over half a metre, pressures are not
-those of this motion: they are exchanged, or dead.
+"""Detector of forces that contradict the motion: the measured force drives the tool.
 
-A load that is weighed is subtracted with its whole force: its weight, its inertia, and the centrifugal force while the
-house slews. One sample alone does not count: where a fast arm stops or turns, its inertia, known to a few per cent, may
-show at one. A wheel loader drives into the heap, which then pushes its tool: there only the vertical part counts."""
+The surroundings of the tool are passive: soil resists, and springs back by centimetres; a load only hangs. If the
+measured force, less that of any load, drives the tool over half a metre, pressures are swapped or dead.
+
+The whole force of a weighed load is subtracted: its weight, its inertia, and the centrifugal force while the house
+slews. One sample alone does not count: where a fast arm stops or reverses, the error of its inertia, of a few per cent,
+may exceed the limit in one sample. A wheel loader drives into the heap, which then pushes its tool. On such a machine
+only the vertical part counts."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
@@ -28,7 +30,7 @@ from cylforce.service.snapshot import Constants
 from cylforce.signals.estimate import Array, Force, Status
 from cylforce.signals.kinds import Kind
 
-# m over which the tool is driven, from which on the forces are suspected or rejected; chosen
+# m of driven path of the tool from which on the forces are suspected or rejected; chosen
 FARTHEST = {Level.DOUBTED: 0.25, Level.REJECTED: 0.5}
 LEAST = 0.02  # times the rated force: smallest driving force that counts; chosen
 SURE = 5.0  # standard errors that it must exceed; chosen
@@ -37,16 +39,16 @@ DRIVES = 2  # links of an arm that digs by driving: arm and bucket of a wheel lo
 
 
 class DrivenConstants(Constants):
-    """What the work of the surroundings on one machine's tool needs.
+    """Constants of the driven path of one machine's tool.
 
     machine: of the model
-    seconds: between two samples
+    seconds: time between two samples [s]
     least:   smallest driving force that counts [N]
     stands:  whether the machine stands while it digs: it has a slew sensor, and is no wheel loader. A loader's arm has
-             two links, with which its teeth go straight through the heap only if it drives. A gyro on it measures how
-             it steers
-    outward: (R,) reach from each measured joint, by which its torque exceeds that of a load [m]
-    acting:  of each measured joint the pressures of the cylinders that act on it
+             two links, with which its teeth go straight through the heap only if it drives; a gyro on it measures its
+             steering
+    outward: (R,) longest reach of the arm beyond each measured joint, by which its torque is divided [m]
+    acting:  numbers of the pressures of the cylinders that act on each measured joint
     """
 
     def __init__(self, monitored: MonitoredMachine) -> None:
@@ -61,12 +63,15 @@ class DrivenConstants(Constants):
         self.acting = [tuple(k for k, s in signals if s.index in acting) for acting in model.acting]
 
     def pushes(self, force: Force, along: complex) -> bool:
-        """Return whether a force, less what a hanging mass explains of it, drives the tool in the direction `along`."""
+        """Return whether a force, less the part that a hanging mass explains, drives the tool.
+
+        along: unit vector of the tool's motion, x + i z
+        """
         if force.x.status is Status.INVALID or force.z.status is Status.INVALID:
             return False
         (xx, xz, zz), x, z = force.covariance, force.x.value, force.z.value
-        x *= self.stands  # the heap's push is no evidence about the mass either
-        if along.imag < 0.0:  # a load drives what it hangs from downwards only
+        x *= self.stands  # the push of a heap is no evidence about the mass either
+        if along.imag < 0.0:  # a load drives the tool downwards only
             z += hanging_weight(x, z, xx, xz, self.machine.rated_payload)
         push = x * along.real + z * along.imag
         error = sqrt(abs(along.real**2 * xx + 2.0 * along.real * along.imag * xz + along.imag**2 * zz))
@@ -79,11 +84,11 @@ class DrivenTool(Detector):
 
     constants: of the machine
     path:      over which the tool was driven [m]
-    strain:    (R,) residual torque of each joint, integrated along it [N m m]
-    drives:    whether it was driven at the last sample
-    alone:     path of one sample alone [m]
-    first:     direction of motion (x, z) in which it was driven first; zeros: in none
-    opposite:  part of the path in directions opposite to it [m]
+    strain:    (R,) magnitude of the residual torque of each joint, integrated along the path [N m m]
+    drives:    whether the tool was driven at the last sample
+    alone:     path of one sample that does not count yet [m]
+    first:     direction of motion (x, z) in which the tool was driven first; zeros: in none
+    opposite:  part of the path in directions opposite to `first` [m]
     """
 
     constants: DrivenConstants
@@ -106,7 +111,7 @@ class DrivenTool(Detector):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state in which nothing was driven."""
+        """Return the state without a driven path."""
         return cls(
             machine.constants(DrivenConstants),
             path=0.0,
@@ -119,16 +124,16 @@ class DrivenTool(Detector):
 
     @property
     def level(self) -> Level:
-        """How surely the forces do not belong to the motion."""
+        """Level of the suspicion that the forces contradict the motion."""
         return Level.of(self.path, FARTHEST)
 
     @property
     def confirmed(self) -> bool:
-        """Whether the tool was driven in both directions of motion, each by as much as begins a suspicion."""
+        """Return whether the tool was driven in both directions, by as much as begins a suspicion in each."""
         return min(self.path - self.opposite, self.opposite) > FARTHEST[Level.DOUBTED]
 
     def interrupt(self, why: Interruption) -> None:
-        """Begin anew; what is suspected stays until the next sample."""
+        """Reset the path; the suspicion stays until the next sample."""
         self._begin()
 
     def _begin(self) -> None:
@@ -136,7 +141,7 @@ class DrivenTool(Detector):
         self.drives, self.alone = False, 0.0
 
     def on_sample(self, features: Features) -> None:
-        """Take the forces of a sample."""
+        """Update path and report with the forces of a sample."""
         now = features.now
         soil = now.forces.soil if now.weighed else None
         self.take(now.forces.resultant, now.instant.velocity, now.residual, soil)
@@ -144,18 +149,18 @@ class DrivenTool(Detector):
         if level is Level.FINE:
             self.doubt = NOTHING_SUSPECTED
         else:
-            # the cylinders that act on the joint whose torque exceeds that of a load most
+            # report the cylinders of the joint with the largest residual torque over its reach
             joint = int((self.strain / self.constants.outward).argmax())
             signals = self.constants.acting[joint]
             self.doubt = SensorDoubt(level, SensorFault.EXCHANGED, signals, confirmed=self.confirmed)
 
     def take(self, resultant: Force, velocity: complex, residual: Numbers, soil: Force | None = None) -> None:
-        """Take one sample. What resists takes back as much of the path.
+        """Update the path with one sample. A force that resists reduces the path by the way of that sample.
 
         resultant: force of all that acts on the tool
         velocity:  of the tool, x + i z [m/s]
         residual:  (R,) residual torque of the tares [N m]
-        soil:      the resultant less the force of the load that is weighed; None while none is
+        soil:      the resultant less the force of the weighed load; None: no load is weighed
         """
         speed, c = abs(velocity), self.constants
         if speed < SLOWEST or resultant.x.status is Status.INVALID or resultant.z.status is Status.INVALID:
@@ -178,7 +183,7 @@ class DrivenTool(Detector):
         self.path += way
 
     def _resist(self, way: float) -> None:
-        """Take back a part of the path; all of it, and what is known of it, where no more was driven."""
+        """Reduce the path by `way` [m]; reset the whole state where the path is no longer than that."""
         if self.path > way:
             self.path -= way
             self.drives, self.alone = False, 0.0

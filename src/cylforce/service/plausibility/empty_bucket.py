@@ -1,17 +1,17 @@
-"""Is what seems to hang in an empty bucket possible? It weighs no less than nothing, and it is a mass in the bucket.
+"""Detector of an impossible weight of the empty bucket: negative, or with moments that no mass in the bucket has.
 
-The torques show a mass m and its first moments m x, m z about the last pin. Whatever sticks in a bucket lies within a
-distance R of that pin:
+The torques determine a mass m and its first moments m x, m z about the last pin. Carry-back lies within a distance R
+of that pin:
 
     |(m x, m z)| <= R m
 
-Moments without such a mass are no load. An angle of the bucket that has slipped turns the bucket's own weight, and
-looks just so: its mass is known to be there. The distance of the estimate from the nearest possible mass, in its own
-standard errors, is the root of chi-squared.
+Moments without such a mass are no load. A slipped angle of the bucket rotates the bucket's own weight, and causes such
+moments. The distance of the estimate from the nearest possible mass, in its own standard errors, is the root of
+chi-squared.
 
-A negative weight may also be a drift, so friction and zeros are adapted on. Until a return has shown the drift, that of
-oil at 0 degC counts. Moments that are not known as exactly as a weight must be, as in the first second after a dump,
-are no evidence."""
+A negative weight may also be a drift, so the adaptation of friction and zeros continues. Until a return has determined
+the drift, its error is that of oil at 0 degC. Moments that are less accurate than a weight must be, as in the first
+second after a dump, are no evidence."""
 
 from dataclasses import dataclass
 from math import hypot, pi, sqrt
@@ -30,8 +30,8 @@ from cylforce.service.snapshot import Constants
 from cylforce.service.weighing import COLD, FARTHEST
 from cylforce.signals.estimate import Array, Quantity, Status
 
-NEVER = -1  # in place of a sample
-BELOW = 3.0  # standard errors beyond what is possible at which an empty bucket cannot be; machines in order: 2.2
+NEVER = -1  # in place of a sample's number
+BELOW = 3.0  # standard errors beyond the limit of the possible, from which on a fault is suspected; healthy: 2.2
 DIRECTIONS = np.linspace(0.0, 2.0 * pi, 360, endpoint=False)  # in which the nearest mass may lie
 
 
@@ -39,7 +39,7 @@ def distance(moments: Array, covariance: Array, reach: float) -> float:
     """Return the distance of moments from the nearest possible mass, in standard errors; 0 for a possible one.
 
     moments:    (3,) a mass [kg] and its first moments x, z [kg m]
-    covariance: (3, 3) of them
+    covariance: (3, 3) of `moments`
     reach:      R [m]
 
     Raises numpy.linalg.LinAlgError if the covariance is singular."""
@@ -54,12 +54,12 @@ def distance(moments: Array, covariance: Array, reach: float) -> float:
 
 
 class EmptyConstants(Constants):
-    """The empty bucket of one machine.
+    """Constants of the empty bucket of one machine.
 
     tares: covariance (P, P) of the tares
     rated: rated payload [kg]
-    reach: farthest plausible centre of a load from the last pin [m]
-    later: samples of a lift for which an impossible weight must go on
+    reach: R, farthest plausible centre of a load from the last pin [m]
+    later: number of samples of a lift for which an impossible weight must last
     all:   numbers of all signals
     """
 
@@ -75,8 +75,8 @@ class EmptyBucket(Detector):
     """Weight of the empty bucket.
 
     constants:   of the machine
-    fault:       what was wrong when the bucket was seen empty last
-    wrong_since: sample of this lift from which on it has been; NEVER: it is not
+    fault:       found at the last detection of an empty bucket
+    wrong_since: sample of this lift since which the weight is impossible; NEVER: it is possible
     """
 
     constants: EmptyConstants
@@ -100,11 +100,11 @@ class EmptyBucket(Detector):
 
     @property
     def unsure(self) -> bool:
-        """Whether something is wrong that has not gone on for long enough."""
+        """Return whether the weight is impossible at present."""
         return self.wrong_since != NEVER
 
     def on_sample(self, features: Features) -> None:
-        """Take the weight of a sample."""
+        """Update the report with the weight of a sample."""
         now = features.now
         self.take(now.gross, now.lift, now.drift)
         if self.fault is SensorFault.NONE:
@@ -113,7 +113,9 @@ class EmptyBucket(Detector):
             self.doubt = SensorDoubt(Level.DOUBTED, self.fault, self.constants.all)
 
     def take(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> None:
-        """Take the gross weight [kg] of a lift. As for a booking, the lift must go on for LATER_S: what ended it was no
+        """Update the fault with the gross weight [kg] of a lift.
+
+        As for a booking, the lift must continue for LATER_S, because the samples before the end of a lift are no
         weight."""
         c, taken = self.constants, lift.taken
         if gross.status is not Status.OK or gross.value > SMALLEST * c.rated:
@@ -128,9 +130,11 @@ class EmptyBucket(Detector):
             self.fault = fault
 
     def _fault(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> SensorFault:
-        """Return what is wrong with the weight of an empty bucket, or with its place, with the operator's zero or
-        without. The place is as before while the moments are not known as exactly as a weight must be. An error of the
-        weight that does no harm, where a load lies, is none of the place, either."""
+        """Return the fault of an empty bucket's weight or moments.
+
+        The gross weight is that after the operator's zero; the moments' mass is the larger of both, before zero and
+        after. A fault of the moments stays while they are less accurate than a weight must be. Moments of an error of
+        HARMLESS rated payloads, where a load lies, are no fault."""
         c = self.constants
         colder, more = (1.0, 0.0) if drift.returned else (COLD**2, lift.error_by_drift(drift.covariance))
         margin = BELOW * hypot(gross.standard_error, sqrt(colder - 1.0) * more)

@@ -1,5 +1,4 @@
-"""Has a pressure fallen to nothing at once, or below vacuum? The first is a burst hose; no pressure is below vacuum, so
-that a reading far below it is off."""
+"""Detectors of a pressure that falls to zero within 50 ms (a burst hose), and of one below vacuum (a wrong reading)."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -11,14 +10,14 @@ from cylforce.service.plausibility.pressure_groups import KEPT, GroupConstants, 
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Array
 
-FALL_STEPS = KEPT // 2  # 50 ms at 100 Hz: in which it falls, and then as long stays; in order it dips for one step
-FALLS = 20e5  # Pa from which it falls when its hose bursts: above any return line; chosen
-NOTHING = 1e5  # Pa: what remains then, a sensor's error of zero; return lines have 2 bar and more
-VACUUM = -1e5 - NOTHING  # Pa: no pressure is lower, and no sensor's error of zero shows less
+FALL_STEPS = KEPT // 2  # 50 ms at 100 Hz, of the fall and of the time after it; healthy pressures dip for one step
+FALLS = 20e5  # Pa from which a pressure falls when its hose bursts: above any return line; chosen
+NOTHING = 1e5  # Pa: largest reading after a burst, a sensor's error of zero; return lines have 2 bar and more
+VACUUM = -1e5 - NOTHING  # Pa: least possible reading, vacuum less a sensor's error of zero
 
 
 def fallen(features: Features) -> Array | None:
-    """Return the last readings (T, P) [Pa], 2 FALL_STEPS and more, where a pressure is at nothing; else None."""
+    """Return the last readings (T, P) [Pa], T > 2 FALL_STEPS, if a pressure is below NOTHING; else None."""
     groups = features.groups
     if groups.lowest >= NOTHING:
         return None
@@ -31,7 +30,7 @@ class BelowVacuum(Detector):
     """Pressures below vacuum.
 
     constants: of the pressures
-    below:     (P,) which were
+    below:     (P,) True where a pressure was below vacuum
     """
 
     constants: GroupConstants
@@ -63,10 +62,10 @@ class BelowVacuum(Detector):
 
 @dataclass(slots=True)
 class BurstHose(Detector):
-    """Pressures that fell to nothing at once.
+    """Pressures that fell to zero within 50 ms.
 
     constants: of the pressures
-    burst:     (P,) which did
+    burst:     (P,) True where a pressure did
     """
 
     constants: GroupConstants
@@ -88,7 +87,7 @@ class BurstHose(Detector):
         return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
 
     def on_step(self, features: Features) -> None:
-        """Mark the pressures that fell and stay at nothing, but not below vacuum."""
+        """Mark the pressures that fell and stay below NOTHING, but not below vacuum."""
         recent = fallen(features)
         if recent is None:
             return

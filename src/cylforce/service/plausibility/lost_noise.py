@@ -1,9 +1,9 @@
-"""Is the noise of a pressure gone? A frozen sensor, or a node that repeats its last value, has less noise than the
-sensor had, and nothing of the motion. While a cylinder moves, its pressures never vary less than their noise.
+"""Detector of pressures that have lost their noise.
 
-The variance of the last 0.25 to 1 s of motion is compared with the noise of the 15 s before (`pressure_groups`). Noise
-may also become less because a pump runs slower: the suspicion ends when the pressure changes, and noise is learned
-anew."""
+The pressures of a moving cylinder never vary less than their noise. A frozen sensor, or a node that repeats its last
+value, shows neither the noise nor the motion. The variance of the last 0.25 to 1 s of motion is compared with the noise
+of the 15 s before (`pressure_groups`). A slower pump also reduces the noise. The suspicion therefore ends when the
+pressure changes, and the noise is learned anew."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -15,7 +15,7 @@ from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, Se
 
 @dataclass(slots=True)
 class LostNoise(Detector):
-    """Pressures whose noise is gone.
+    """Pressures that have lost their noise.
 
     constants: of the pressures
     """
@@ -38,6 +38,6 @@ class LostNoise(Detector):
         return cls(machine.groups)
 
     def on_step(self, features: Features) -> None:
-        """Look at the noise when a group has ended."""
+        """Update the report when a group has ended."""
         if features.groups.ended:
             self.doubt = doubt_of(features.groups.gone, self.constants.signals, SensorFault.STUCK, Level.DOUBTED)

@@ -1,5 +1,6 @@
-"""Plausibility between sensors: the monitor runs the table of detectors, and combines what they report. The surest
-suspicion is believed, of several the most specific one."""
+"""Plausibility between sensors: the monitor runs the table of detectors, and combines their reports.
+
+The report of the highest level becomes the suspicion; of several such reports, the most specific one."""
 
 from dataclasses import dataclass
 from typing import Self, TypeVar, cast
@@ -21,17 +22,17 @@ Reports = tuple[SensorDoubt, ...]
 
 @dataclass(slots=True)
 class Monitor(Estimator):
-    """The plausibility of one machine's signals.
+    """Monitor of one machine's signals.
 
     machine:    constants
     groups:     statistics of the pressures
     blocks:     seconds of motion
-    undetected: probable errors that are no evidence
+    undetected: probable undetected biases
     detectors:  by the names of their classes, in the order of the table
     reports:    of the detectors at the last step
-    suspicion:  what is believed
-    evidence:   whether a detector has some, too little for a suspicion
-    in_air:     seconds in a row that a load explained, since a signal was rejected
+    suspicion:  present result of the monitor
+    evidence:   whether a detector has evidence, but too little for a suspicion
+    in_air:     number of seconds in a row that a load explained, since a signal was rejected
     """
 
     machine: MonitoredMachine
@@ -46,7 +47,7 @@ class Monitor(Estimator):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state before any sample: nothing is suspected."""
+        """Return the state before any sample, without a suspicion."""
         made = cls(
             machine,
             groups=PressureGroups.start(machine.groups),
@@ -63,25 +64,26 @@ class Monitor(Estimator):
 
     @property
     def unsure(self) -> bool:
-        """Whether bookings wait: there is evidence, too little for a suspicion, or the next motion in the air will
-        decide."""
+        """Return whether bookings wait.
+
+        They wait for evidence that is too little for a suspicion, or for the next motion in the air to decide."""
         return self.evidence or self.suspicion.waits
 
     @property
     def slews_fast(self) -> bool:
-        """Whether the house slews so fast that nothing can touch the ground."""
+        """Return whether the house slews too fast for contact of the tool with the ground."""
         return self.detector(SweptTool).fast
 
     def keep_rejection(self, other: "Monitor") -> None:
-        """Take over a suspicion that stays, from a monitor with other tares."""
+        """Take over a suspicion that `stays` from a monitor with other tares."""
         if other.suspicion.stays:
             self.suspicion = other.suspicion
 
     def interrupt(self, *, frozen: bool = False, strayed: tuple[int, ...] = ()) -> None:
-        """Drop what was gathered in part, because the measurement stopped; what is suspected stays.
+        """Discard unfinished groups and blocks, because the measurement stopped; the suspicion stays.
 
         frozen:  whether a signal was frozen
-        strayed: numbers of the signals outside their range; they are suspected when they are back
+        strayed: numbers of the signals outside their range; they are suspected when they return
         """
         why = Interruption(frozen and self.suspicion.level is Level.FINE, strayed)
         self.groups.interrupt()
@@ -93,7 +95,7 @@ class Monitor(Estimator):
         self.reports = self._reports()
 
     def update(self, now: MonitorSample) -> None:
-        """Take a step."""
+        """Update detectors and suspicion with one step."""
         self.groups.update(now.values, now.instant.speed)
         features = Features(now, self.groups, self.blocks)
         detectors = self.detectors.values()
@@ -108,7 +110,7 @@ class Monitor(Estimator):
         self.reports = reports
 
     def _sample(self, features: Features) -> None:
-        """Take every EVERY-th step."""
+        """Update blocks and detectors with every EVERY-th step."""
         now, blocks = features.now, self.blocks
         channels = now.pipeline.middle
         blocks.update(now.instant, channels, now.drift)
@@ -127,12 +129,13 @@ class Monitor(Estimator):
         return tuple([detector.doubt for detector in self.detectors.values()])
 
     def _suspects(self, reports: Reports) -> bool:
-        """Return whether anything is suspected or reported."""
+        """Return whether there is a suspicion or a report."""
         return self.suspicion.level is not Level.FINE or any(report.level for report in reports)
 
     def combined(self, reports: Reports) -> SensorDoubt:
-        """Return the surest report, of several the first one. What stays is refuted by as many seconds in the air as
-        must agree on an error."""
+        """Return the report of the highest level; of several, the first one.
+
+        A suspicion that `stays` ends after VOTES seconds in the air that a load explains."""
         if self.suspicion.latched:
             return self.suspicion
         surest = max(reports, key=lambda report: report.level, default=NOTHING_SUSPECTED)

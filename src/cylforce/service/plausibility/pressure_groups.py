@@ -1,8 +1,8 @@
-"""Statistics of each pressure by itself: means, variances and white noise of its readings, in groups of 0.25 s while
-its cylinder moves, and while it rests but another one moves.
+"""Statistics of each pressure by itself: means, variances and white noise of its readings in groups of 0.25 s.
 
-Noise is what second differences show in the quietest tenth of the last 15 s of motion, no more than the sensor states.
-What is measured while noise is gone is not remembered."""
+Groups are formed while the pressure's cylinder moves, and separately while it rests but another one moves. The noise is
+that of second differences in the quietest tenth of the last 15 s of motion, at most the sensor's stated standard error.
+Groups without noise are not used for it."""
 
 from array import array
 from collections.abc import Callable
@@ -26,19 +26,20 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES
 
 MOVES = 0.02  # m/s of a cylinder from which on a group is one of motion; chosen: far above the noise of a speed
-KEPT = 10  # readings that stay when a group has ended: those in which a pressure falls, and in which it stays low
-# Variance between the groups' means over that expected from the noise within them: above this a pressure that did not
-# change does so again; a constant exceeds it once in ten hours (chi-squared with 15 degrees of freedom, 1.16e-6: four a
-# second, of six pressures)
+KEPT = 10  # readings that stay when a group has ended: for the fall of a burst hose and as long after it
+# Variance between the groups' means over that expected from the noise within them: above this a pressure that was
+# constant changes again; a constant exceeds it once in ten hours (chi-squared with 15 degrees of freedom, 1.16e-6: four
+# a second, of six pressures)
 CHANGES = 56.118 / (GROUPS - 1)
 # Median variance within groups over that of their white noise, from second differences: above this, oil oscillates.
 # F distribution with 24 and 12.1 degrees of freedom, exceeded by 2 % of single groups of white noise
 COLOURED = 3.1795
-# The tenth part of the groups shows less than this share of white noise: chi-squared with the 12.1 degrees of freedom
-# of 23 second differences
+# A tenth of the groups has less than this share of the white noise's variance: chi-squared with the 12.1 degrees of
+# freedom of 23 second differences
 TENTH = 0.52701
-# Variance of all readings of the last 1 to 4 groups over that of the noise below which noise is gone: white noise is
-# once in ten hours of motion (chi-squared, lower quantiles of 2.9e-7: four a second, of six pressures, four limits)
+# Variance of all readings of the last 1 to 4 groups over that of the noise, below which the noise is gone: white noise
+# falls below once in ten hours of motion (chi-squared, lower quantiles of 2.9e-7: four a second, of six pressures, four
+# limits)
 QUIET = (0.14338, 0.29127, 0.38126, 0.44281)
 
 Mask = NDArray[np.bool_]
@@ -50,7 +51,7 @@ def pressures(machine: Machine) -> list[int]:
 
 
 def picker(machine: Machine) -> Callable[[Numbers], Numbers]:
-    """Return a function that gives the pressures (P,) among all signals (S,)."""
+    """Return a function that selects the pressures (P,) of all signals (S,)."""
     signals = pressures(machine)
     if len(signals) > 1:
         pick = itemgetter(*signals)
@@ -59,12 +60,13 @@ def picker(machine: Machine) -> Callable[[Numbers], Numbers]:
 
 
 class GroupConstants(Constants):
-    """The pressures of one machine.
+    """Constants of the pressures of one machine.
 
-    signals:   (P,) their numbers
-    pick:      gives the pressures among all signals
-    cylinders: (P,) number of each one's cylinder
+    signals:   (P,) numbers of the pressures
+    pick:      function that selects the pressures (P,) of all signals (S,)
+    cylinders: (P,) number of the cylinder of each pressure
     stated:    (P,) variances of the sensors' noise [Pa^2]; infinite where none is stated
+    quiet:     variance ratios below which the noise of 1 to 4 groups is gone
     """
 
     def __init__(self, machine: Machine, kernel: Kernel | None = None) -> None:
@@ -78,9 +80,9 @@ class GroupConstants(Constants):
 class GroupStatistics(Estimator):
     """Groups and noise of P pressures, in motion or at rest.
 
-    groups: means, variances, ways and white noise (4, GROUPS, P) of the last groups, 0 where there was none yet
-    noise:  variances of the noise in the last groups (NOISES, P), 0 where there was none yet; number (P,) of groups
-            since noise is gone, 0 where it is not
+    groups: (4, GROUPS, P) means, variances, ways and white noise of the last groups, 0 before the first groups
+    noise:  (NOISES, P) variances of the noise in the last groups, 0 before the first groups; then (P,) number of groups
+            since the noise is gone, 0 where it is not
     """
 
     groups: Numbers
@@ -88,7 +90,7 @@ class GroupStatistics(Estimator):
 
     @classmethod
     def start(cls, size: int) -> Self:
-        """Return the statistics of so many pressures before any reading."""
+        """Return the statistics of `size` pressures before any reading."""
         return cls(ZERO * (4 * GROUPS * size), ZERO * ((NOISES + 1) * size))
 
     @property
@@ -98,17 +100,22 @@ class GroupStatistics(Estimator):
 
     @property
     def since(self) -> Array:
-        """Number (P,) of groups since noise is gone."""
+        """Number (P,) of groups since the noise is gone; 0 where it is not."""
         return np.asarray(np.frombuffer(self.noise).reshape(NOISES + 1, -1)[-1])
 
     @property
     def gone(self) -> Mask:
-        """Whether noise is gone (P,)."""
+        """Mask (P,), True where the noise is gone."""
         return np.asarray(self.since > 0.0)
 
     def take(self, c: GroupConstants, readings: Numbers, way: Numbers, which: Mask) -> None:
-        """Take the last group of `readings` (T, P), of the pressures that are `which` (P,); `way` (P,) of their
-        cylinders [m/s]."""
+        """Update the statistics with the last group of the readings.
+
+        c:        constants
+        readings: (T, P) [Pa], flat
+        way:      (P,) speed of each pressure's cylinder [m/s]
+        which:    (P,) True for the pressures to update
+        """
         size = len(c.signals)
         begin = len(readings) // size - GROUP
         c.kernel.group(size, readings, begin, way, MOVES, self.groups)
@@ -118,7 +125,7 @@ class GroupStatistics(Estimator):
         c.kernel.listen(size, group, GROUP, *chosen, TENTH, c.quiet, len(QUIET), ZERO * NOISES, self.noise)
 
     def last_longer(self, moved: Mask) -> None:
-        """Count a group in which some cylinders `moved` (P,): noise that is gone at rest is gone for longer."""
+        """Count one more group without noise for the pressures whose cylinders `moved` (P,) and whose noise is gone."""
         gone = moved & self.gone
         if gone.any():
             longer = np.frombuffer(self.noise).reshape(NOISES + 1, -1).copy()
@@ -126,7 +133,7 @@ class GroupStatistics(Estimator):
             self.noise = numbers(longer.ravel())
 
     def learn_anew(self, changes: Mask) -> None:
-        """Forget the noise of pressures that change, as the last groups show, if it was gone before all of them."""
+        """Discard the noise of pressures that change again, if it was gone before all of the last GROUPS groups."""
         back = changes & (self.since > GROUPS)
         if back.any():
             anew = np.where(back, 0.0, np.frombuffer(self.noise).reshape(NOISES + 1, -1))
@@ -138,14 +145,14 @@ class PressureGroups(Estimator):
     """Statistics of the pressures of one machine.
 
     constants: of the machine
-    readings:  the last ones (T, P), one after the other [Pa]
+    readings:  the last readings (T, P), flat [Pa]
     fresh:     number of readings of the running group
-    motion:    groups while the own cylinder moves
-    rest:      groups while it rests and another one moves; a cylinder that rests may transmit less of the pump's noise
+    motion:    groups while the pressure's own cylinder moves
+    rest:      groups while it rests and another one moves; a cylinder at rest may transmit less of the pump's noise
     now:       (P,) pressures of this step [Pa]
-    lowest:    of these [Pa]; infinite: there are none
-    ratios:    (2, P) where a group has ended at this step: variance of the groups' means over that expected from the
-               noise within them, -1: not enough groups; that noise over its white part. Empty: none has ended
+    lowest:    lowest pressure of this step [Pa]; infinite without pressures
+    ratios:    (2, P) where a group has ended at this step, else empty: variance of the groups' means over that expected
+               from the noise within them (-1: not enough groups), and that noise over its white part
     """
 
     constants: GroupConstants
@@ -174,25 +181,29 @@ class PressureGroups(Estimator):
 
     @property
     def recent(self) -> Array:
-        """The last readings (T, P) [Pa]."""
+        """Last readings (T, P) [Pa]."""
         return np.frombuffer(self.readings).reshape(-1, len(self.constants.signals))
 
     @property
     def ended(self) -> bool:
-        """Whether a group has ended at this step."""
+        """Return whether a group has ended at this step."""
         return self.fresh == GROUP
 
     @property
     def gone(self) -> Mask:
-        """Pressures (P,) whose noise is gone, in motion or at rest."""
+        """Mask (P,), True where the noise is gone in motion or at rest."""
         return np.asarray(self.motion.gone | self.rest.gone)
 
     def interrupt(self) -> None:
-        """Begin the running group anew: the measurement stopped."""
+        """Begin the running group anew, because the measurement stopped."""
         self.readings, self.fresh, self.ratios = array("d"), 0, array("d")
 
     def update(self, values: Numbers, speed: Numbers) -> None:
-        """Take one step: all signals (S,), speed (C,) of the cylinders [m/s]."""
+        """Update the statistics with one step.
+
+        values: (S,) of all signals [SI]
+        speed:  (C,) of the cylinders [m/s]
+        """
         self.now = self.constants.pick(values)
         self.lowest = min(self.now, default=inf)
         if self.ratios:
@@ -205,7 +216,7 @@ class PressureGroups(Estimator):
             self._end_group(speed)
 
     def _end_group(self, speed: Numbers) -> None:
-        """Take a group of the pressures whose cylinders move."""
+        """Update the statistics with a group that has ended, if a cylinder moved; `speed` (C,) [m/s]."""
         c, size = self.constants, len(self.constants.signals)
         way = array("d", [speed[cylinder] for cylinder in c.cylinders])
         moved = np.array([abs(each) > MOVES for each in way], dtype=bool)

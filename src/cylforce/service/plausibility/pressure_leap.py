@@ -1,17 +1,19 @@
-"""Has a pressure leapt as no oil does? In contact any force is possible, so that a pressure that is wrong contradicts
-nothing until the next motion in the air. But the moment shows in which it becomes wrong. Within 0.15 s pressures follow
-a curve, or all of them are hit; one that is exchanged, dead or shifted leaps by itself, between two messages.
+"""Detector of pressures that step, or that are swapped, within one reading.
 
-Curves (polynomials) through the last readings are compared. Two signals are exchanged if each goes on where the other
-one was: curves through the first readings of one and the last ones of the other have a smaller residual. One signal
-steps if a curve with a step has one. The measure is the log likelihood ratio, with the noise of the residual, but at
-least the sensor's. Either must also be more probable than a blow, by which every pressure may step or do anything.
+In contact any force is possible, so that a wrong pressure contradicts no other signal until the next motion in the air.
+But its onset is detectable. Within 0.15 s healthy pressures follow a curve, or a blow changes all of them. A swapped,
+dead or shifted pressure steps alone, between two messages.
 
-A leap shows *when* a signal became wrong, but not for certain *that* it did. The next seconds in the air decide: then
-one load must explain the torques of all joints. If a signal stepped, it must explain them better without that step; if
-signals were exchanged, it hardly ever explains them at all, so that some seconds in a row that a load explains end the
-suspicion. A step that is not confirmed ends by itself: when as many seconds of motion as `constant_error` keeps have
-been of the time after it, some of them in the air, there is no older evidence to wait for."""
+Curves (polynomials) through the last readings are compared. Two signals are swapped if curves through the first
+readings of one and the last readings of the other have a smaller residual. One signal has stepped if a curve with a
+step has a smaller residual. The measure is the log likelihood ratio, with the noise of the residual, but at least the
+sensor's. Either must also be more probable than a blow, by which every pressure may step or have any reading.
+
+A step shows *when* a signal may have become wrong, but does not prove *that* it did. The next seconds in the air
+decide, in which one load must explain the torques of all joints. A step is confirmed if the load explains them better
+without it. With swapped signals a load hardly ever explains the torques, so that some seconds in a row that a load
+explains end the suspicion. A step that is not confirmed ends by itself after as many seconds of motion as
+`constant_error` keeps, some of them in the air: no older evidence exists then."""
 
 from array import array
 from dataclasses import dataclass
@@ -37,39 +39,40 @@ from cylforce.service.snapshot import Constants
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES, Kind
 
-# Readings before and after a leap, and the degree of the curves. Chosen on foreign machines 1 to 5 (tools/faulting)
+# Readings before and after a step, and the degree of the curves. Chosen on foreign machines 1 to 5 (tools/faulting)
 BEFORE, AFTER, DEGREE = 10, 5, 3
 FREE = BEFORE + AFTER - DEGREE - 2  # degrees of freedom of the residual of a curve with a step
-# Readings, in pieces as long as these, from which the noise before is known; their residual counts as much as the
-# present one (degrees of freedom of Student's t). Chosen on the same: noise changes from second to second
+# Pieces of WINDOW readings from which the earlier noise is estimated, and the degrees of freedom of that estimate
+# (Student's t): it counts as much as the present residual. Chosen on foreign machines: noise changes every second
 PIECES, KNOWN = 6, FREE
 WINDOW = BEFORE + AFTER
-# Bits of `late`: all that are kept; the last two readings before a leap and the first one after it. Of frames that
-# waited and come together a tick may find some: the reading after a late one may be old, too.
+# Bits of `late`: all that are kept; the last two readings before a step and the first one after it. Frames that have
+# waited arrive together, and a tick may read only some of them: the reading after a late one may be old, too.
 RECENT, BESIDE = (1 << WINDOW) - 1, 0b111 << (AFTER - 1)
 KEPT = PIECES * WINDOW
 LONGEST = KEPT + WINDOW
-# Log likelihood ratio of a leap: an order of signals that is right exceeds it once in ten hours, if each of its
-# moments is tested for each leap (Markov's inequality: the ratio's mean is one)
+# Log likelihood ratio of a step or swap: healthy signals exceed it once in ten hours, if each instant is tested for
+# each step and each swap (Markov's inequality: the ratio's mean is one)
 HOURS = 10.0
 RESOLVED = 100.0  # Pa: less is not resolved by any such sensor; 0.00025 % of 400 bar
 
-WRONGLY = 0.01  # probability with which the suspicion of a fault ends (Wald's sequential test); by convention
-ENOUGH = -2.0 * log(WRONGLY)  # votes, twice the log likelihood ratio, that end it
+WRONGLY = 0.01  # probability with which the suspicion of a real fault ends (Wald's sequential test); by convention
+ENOUGH = -2.0 * log(WRONGLY)  # sum of votes, twice the log likelihood ratio, that ends a suspicion
 MOST = ENOUGH / VOTES  # of one second: several must agree
 
 Pairs = tuple[tuple[int, int], ...]
 
 
 class LeapTest:
-    """The comparison of curves through the readings of one machine's pressures.
+    """Comparison of curves through the readings of one machine's pressures.
 
+    kernel:    compiled or interpreted functions
     signals:   (P,) numbers of the pressures
-    exchanges: what may be exchanged, as numbers of pressures: the sides of a cylinder; two cylinders' nodes
-    every:     steps between two readings: no signal is repeated because it is sent less often
-    least:     log likelihood ratio from which on a leap is suspected; infinite for a machine without pressures
-    gate:      (P,) change within a reading below which nothing is tested: half of the least leap that could be
-               suspected, that of two signals [Pa]
+    exchanges: possible swaps as pairs of pressure numbers: both sides of a cylinder; the nodes of two cylinders
+    every:     steps between two readings, so many that the slowest signal is sent anew for each reading
+    least:     log likelihood ratio from which on a step is suspected; infinite for a machine without pressures
+    gate:      (P,) change between two readings below which nothing is tested: half of the least step that could be
+               suspected, which is that of two signals [Pa]
     """
 
     def __init__(self, machine: Machine, rate_hz: float, kernel: Kernel | None = None) -> None:
@@ -83,12 +86,12 @@ class LeapTest:
         self._curves = _curves()
         self._rise = float(self._curves[BEFORE:, -1].sum())  # of the orthonormal step
         widths = np.log(np.array([s.high - s.low for s in own]) / np.sqrt(2.0 * pi * self._noise))
-        # Occam factors (P,) [nats], widths of the prior over those of the posterior: a step may be of any size that the
-        # sensor can show, either way; all readings after a blow may be anything
+        # Occam factors (P,) [nats], width of the prior over that of the posterior: a step may have any size within the
+        # sensor's range, either way; all readings after a blow may have any value
         self._any_step = widths + log(2.0 * abs(self._rise))
         self._anything = AFTER * (widths - 0.5)
         self.gate = self._gate()
-        # the pairs of each exchange as the kernel takes them, and the most that one has
+        # pairs of each exchange as the kernel takes them, and the largest number of pairs
         self._most_pairs = max(map(len, self.exchanges), default=0)
         filled = [(*pairs, *[(-1, -1)] * (self._most_pairs - len(pairs))) for pairs in self.exchanges]
         self._pairs = counts(p for pairs in filled for pair in pairs for p in pair)
@@ -99,14 +102,16 @@ class LeapTest:
         return numbers(0.5 * (sqrt(squares) / abs(self._rise)) * np.sqrt(self._noise))
 
     def leap(self, readings: Array) -> SensorDoubt:
-        """Return what leapt between the last AFTER `readings` (T, P) [Pa] and the BEFORE that are before them; the
-        others show the noise, if there are LONGEST."""
+        """Return the suspicion of pressures that stepped, or were swapped, AFTER readings before the last one.
+
+        readings: (T, P) [Pa]: the last AFTER of them, BEFORE before those; earlier ones, for the noise, if T = LONGEST
+        """
         window = np.ascontiguousarray(readings[-WINDOW:])
         size, bends = window.shape[1], DEGREE + 1
         limits = (self._curves, bends, self._noise, float(FREE), float(KNOWN), self.least)
         exchanges = (self._pairs, len(self.exchanges), self._most_pairs)
         room, misfit = ZERO * (2 * size * (bends + 2)), ZERO * (2 * size)
-        # 1: a step is certain, 2: an exchange, 3: both
+        # bit 0: a step is certain, bit 1: an exchange is
         found = self.kernel.sure_leaps(size, window, len(window), BEFORE, *limits, *exchanges, room, misfit)
         swapped = self._swapped(window, *np.frombuffer(misfit).reshape(2, size)) if found > 1 else ()
         if swapped:
@@ -115,7 +120,11 @@ class LeapTest:
         return self._stepped(window, readings[:-WINDOW]) if found % 2 else NOTHING_SUSPECTED
 
     def _stepped(self, window: Array, earlier: Array) -> SensorDoubt:
-        """Return the pressure that stepped alone, if one did."""
+        """Return the suspicion of the pressure that stepped alone, if one did.
+
+        window:  (WINDOW, P) last readings [Pa]
+        earlier: (T, P) readings before them [Pa]
+        """
         along = self._curves.T @ (window - window[0])
         left = ((window - window[0]) ** 2).sum(axis=0) - (along**2).sum(axis=0)
         known = self._noise_before(earlier)
@@ -128,7 +137,9 @@ class LeapTest:
         return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[most],), size)
 
     def _noise_before(self, earlier: Array) -> Array | None:
-        """Return the variance (P,) [Pa^2] of the residual of curves through readings (T, P) before; None of too few."""
+        """Return the variance (P,) [Pa^2] of the residual of curves through `earlier` readings (T, P).
+
+        It is None for too few readings."""
         if len(earlier) < KEPT:
             return None
         pieces = earlier.reshape(PIECES, WINDOW, -1) - earlier.reshape(PIECES, WINDOW, -1)[:, :1]
@@ -136,35 +147,49 @@ class LeapTest:
         return np.asarray(np.maximum(left.mean(axis=0) / (FREE + 1), self._noise))
 
     def _unlikely(self, left: Array, known: Array | None) -> Array:
-        """Return minus the log likelihood [nats] of a residual `left`, in squares [Pa^2]: Student's, if the variance
-        before is `known`."""
+        """Return minus the log likelihood [nats] of a residual: Student's, if the earlier variance is known.
+
+        left:  squares of the residual [Pa^2]
+        known: (P,) variance of the earlier readings [Pa^2]; None: not known
+        """
         if known is None:
             return self._misfit(left, self._noise)
         share = (KNOWN + left / known) / (KNOWN + FREE)
         return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(share, 1.0)))
 
     def _blow(self, plain: Array, stepped: Array) -> float:
-        """Return the log likelihood [nats] that all pressures are hit: each is as likely to go on, to step, or to do
-        anything."""
+        """Return the log likelihood [nats] of a blow.
+
+        Each pressure continues, steps, or has any readings, with equal probability.
+
+        plain:   (P,) minus the log likelihoods of curves without a step
+        stepped: (P,) minus the log likelihoods of curves with a step
+        """
         either = np.logaddexp(np.logaddexp(-plain, -stepped - self._any_step), -self._anything)
         return float(np.sum(either - log(3.0)))
 
     def _misfit(self, left: Array, noise: Array) -> Array:
-        """Return minus the log likelihood [nats] of a residual `left`, in squares [Pa^2], of a variance of its own, but
-        at least the `noise` [Pa^2]; 0: no more than that."""
+        """Return minus the log likelihood [nats] of a residual with a variance of its own, 0 up to that of the noise.
+
+        left:  squares of the residual [Pa^2]
+        noise: least variance [Pa^2]
+        """
         return np.asarray(0.5 * FREE * np.log(np.maximum(left / (FREE * noise), 1.0)))
 
     def _crossed(self, window: Array) -> Array:
-        """Return the residual of curves through the first readings of one pressure and the last ones of another, in
-        squares (P, P) [Pa^2]."""
+        """Return the squared residuals (P, P) [Pa^2] of curves through two pressures.
+
+        Element (a, b) is that of a curve through the first readings of a and the last readings of b."""
         curves, first, last = self._curves[:, :-1], window[:BEFORE], window[BEFORE:]
         one, other = curves[:BEFORE].T @ first, curves[BEFORE:].T @ last
         squares = (first**2).sum(axis=0)[:, None] + (last**2).sum(axis=0)
         return np.asarray(squares - ((one[:, :, None] + other[:, None, :]) ** 2).sum(axis=0))
 
     def _swapped(self, window: Array, plain: Array, stepped: Array) -> Pairs:
-        """Return the pairs that are exchanged, if any are: each signal of a pair must show it, the weaker evidence
-        counts; and it must be likelier than a blow."""
+        """Return the pairs that are swapped, if any are.
+
+        Both signals of a pair must be evidence, and the weaker evidence counts twice. A swap must be likelier than a
+        blow."""
         left, blow = self._crossed(window), self._blow(plain, stepped)
         crossed = self._misfit(left, np.maximum(self._noise[:, None], self._noise))
         better = np.diagonal(crossed)[:, None] - crossed  # (P, P): if the last readings are those of another
@@ -189,7 +214,7 @@ def _exchanges(machine: Machine) -> list[Pairs]:
 
 
 def _curves() -> Array:
-    """Return curves (W, DEGREE + 1) and, last, a step, orthonormal."""
+    """Return orthonormal columns (WINDOW, DEGREE + 2): curves up to DEGREE, then a step."""
     t = np.arange(BEFORE + AFTER) - (BEFORE + AFTER - 1) / 2.0
     powers = [t**k for k in range(DEGREE + 1)]
     found, _ = np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))
@@ -197,12 +222,13 @@ def _curves() -> Array:
 
 
 class LeapConstants(Constants):
-    """What the leaps of one machine's pressures need.
+    """Constants of the steps of one machine's pressures.
 
     test:      comparison of curves
-    blocks:    seconds of motion
-    reversals: friction that turns round
-    settled:   steps after a leap from which on a block is of the time after it
+    blocks:    constants of the seconds of motion
+    reversals: constants of the friction that reverses
+    settled:   number of steps after which a block contains only samples from after the step
+    pick:      function that selects the pressures (P,) of all signals (S,)
     """
 
     def __init__(self, machine: MonitoredMachine) -> None:
@@ -213,7 +239,7 @@ class LeapConstants(Constants):
         self.pick = picker(model.machine)
 
     def error_of(self, doubt: SensorDoubt) -> tuple[int, float]:
-        """Return the signal of the blocks that is off, and by how much [bar on the head side]."""
+        """Return the number of the suspected signal in the blocks, and its error [bar on the head side]."""
         machine = self.blocks.model.machine
         signal = machine.signals[doubt.signals[0]]
         cylinder = machine.cylinders[signal.index]
@@ -223,19 +249,19 @@ class LeapConstants(Constants):
 
 @dataclass(slots=True)
 class PressureLeap(Detector):
-    """Pressures that leapt, or came back from outside their range.
+    """Pressures that stepped, were swapped, or returned from outside their range.
 
     constants: of the machine
     reversals: of the cylinders
-    readings:  the last ones (T, P), one after the other [Pa]
-    before:    readings before those, which are needed seldom
-    steps:     of the filters at the last reading
-    arrivals:  (P,) times of the frames that the last reading is of [us]; empty: not known
+    readings:  the last readings (T, P), flat [Pa]
+    before:    readings before `readings`, which are seldom used [Pa]
+    steps:     step of the filters at the last reading
+    arrivals:  (P,) receive times of the frames that carried the last reading [us]; empty: not known
     late:      bit k is set if the reading k readings ago was late or is missing
-    since:     steps of the filters when the suspected leap was found
-    votes:     of seconds in the air since then against it
-    seconds:   of motion since then
-    in_air:    number of these that a load explains
+    since:     step of the filters at which the suspected step was found
+    votes:     sum of the votes against the suspicion since then, twice the log likelihood ratio
+    seconds:   number of seconds of motion since then
+    in_air:    number of these seconds that a load explains
     """
 
     constants: LeapConstants
@@ -279,8 +305,9 @@ class PressureLeap(Detector):
         )
 
     def interrupt(self, why: Interruption) -> None:
-        """Forget the readings: the filters begin anew. Suspect pressures that were outside their range, unless another
-        leap is suspected already."""
+        """Discard the readings, because the filters begin anew.
+
+        Pressures that were outside their range are suspected, unless there is a suspicion already."""
         self._forget_readings()
         self.steps = self.since = 0
         self.reversals.clear()
@@ -295,7 +322,7 @@ class PressureLeap(Detector):
         self.doubt, self.votes, self.seconds, self.in_air = doubt, 0.0, 0, 0
 
     def on_step(self, features: Features) -> None:
-        """Take the pressures of a step; a step that friction explains is none."""
+        """Update the report with the pressures of a step; discard a new suspicion that friction explains."""
         now, steps = features.now, features.now.pipeline.steps
         self.reversals.update(now.instant, steps)
         known, since, votes = self.doubt, self.since, self.votes
@@ -307,13 +334,14 @@ class PressureLeap(Detector):
             self.doubt, self.since, self.votes = known, since, votes
 
     def take(self, now: Numbers, steps: int, arrivals: Numbers) -> None:
-        """Take the pressures (P,) `now` [Pa], at so many `steps` of the filters. A few readings that are missing are
-        filled by linear interpolation.
+        """Update the report with the pressures of a step. A few missing readings are linearly interpolated.
 
-        No leap is concluded beside a reading that is late or missing: what comes after it is of a later time than it
-        seems, and differs by what the pressure has changed meanwhile.
+        Beside a late or missing reading no step is concluded: the pressure has changed meanwhile by more than the
+        readings' nominal interval explains.
 
-        arrivals: (P,) times of the frames that `now` is of [us]; empty: not known
+        now:      (P,) pressures [Pa]
+        steps:    number of steps of the filters
+        arrivals: (P,) receive times of the frames that carried `now` [us]; empty: not known
         """
         every = self.constants.test.every
         if steps % every or not now:
@@ -326,7 +354,7 @@ class PressureLeap(Detector):
         self._read(now, steps, late=late)
 
     def _fill(self, now: Numbers, missing: int) -> None:
-        """Put readings in place of some that are missing; after too many begin anew."""
+        """Insert interpolated readings for `missing` ones; discard all readings if too many are missing."""
         if not 0 <= missing <= AFTER or not self.readings:
             self._forget_readings()
             return
@@ -336,7 +364,7 @@ class PressureLeap(Detector):
             self._read(between, self.steps + self.constants.test.every, late=True)
 
     def _read(self, now: Numbers, steps: int, *, late: bool) -> None:
-        """Take one reading (P,) [Pa], and test whether a leap lies AFTER readings before it."""
+        """Append one reading (P,) [Pa], and test for a step AFTER readings before it."""
         size, test = len(now), self.constants.test
         self.readings += now
         self.steps = steps
@@ -345,7 +373,7 @@ class PressureLeap(Detector):
             self.before = (self.before + self.readings[: WINDOW * size])[-KEPT * size :]
             self.readings = self.readings[WINDOW * size :]
         last = len(self.readings) // size - AFTER
-        # one late reading that is farther away bends no curve
+        # one late reading farther away hardly changes a curve
         sound = not self.late & BESIDE and self.late.bit_count() <= 1
         if last < BEFORE or not sound or not test.kernel.suspicious(size, self.readings, last, test.gate):
             return
@@ -355,12 +383,12 @@ class PressureLeap(Detector):
             self.since = steps
 
     def on_sample(self, features: Features) -> None:
-        """Let a second of motion vote on the leap."""
+        """Update the votes with a second of motion that has ended."""
         if features.blocks.block is not None:
             self.vote(features.blocks.block)
 
     def vote(self, block: Block) -> None:
-        """Take a second of motion."""
+        """Update the votes on the suspicion with a second of motion."""
         c, rated = self.constants, self.constants.blocks.rated
         if self.doubt.level is Level.FINE or self.steps - self.since <= c.settled:
             return

@@ -1,7 +1,9 @@
-"""Is a pressure's leap that of its cylinder's friction? When a cylinder turns round, its dry friction does, too, and
-the oil's force follows within one reading: by no more than twice that friction, and towards the new motion. How
-large it is, the identification knows, and the adaptation what it is now. What leaps farther is no friction. At
-rest friction may be anything between both, and change as far either way."""
+"""Pressure steps that dry friction explains.
+
+When a cylinder reverses, its dry friction reverses, too, and the force of the oil follows within one reading: by at
+most twice that friction, and towards the new motion. The friction is that of the identification with its present drift.
+A larger step is not caused by friction. At rest friction may have any value between both directions, and may step by as
+much in either direction."""
 
 from array import array
 from dataclasses import dataclass
@@ -19,17 +21,18 @@ from cylforce.service.plausibility.suspicion import SensorDoubt
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.kinds import Kind
 
-CLEAR = 3.0  # standard errors of the friction that a leap must exceed; by convention
+CLEAR = 3.0  # standard errors of the friction that a step must exceed; by convention
 LAWS = ("coulomb", "load_dependent", "stribeck")  # of dry friction
 
 
 class ReversalConstants(Constants):
-    """The dry friction of one machine's cylinders.
+    """Dry friction of one machine's cylinders.
 
-    model, tares: of the machine
-    steps:        of the filters between a reversal and a leap that it may explain
-    laws:         of each cylinder the columns of the friction that a reversal turns round, by their law. Friction that
-                  is larger one way than the other (`directional`) is not among them: its mean stays
+    model: of the machine
+    tares: of the machine
+    steps: largest number of filter steps between a reversal and a step that it explains
+    laws:  numbers of the columns of each cylinder's friction that a reversal changes, by their law. The part by which
+           friction differs between both directions (`directional`) is not among them: its mean stays
     """
 
     def __init__(self, model: Model, tares: Tares, steps: int) -> None:
@@ -41,11 +44,11 @@ class ReversalConstants(Constants):
 
 @dataclass(slots=True)
 class Reversals(Estimator):
-    """When each cylinder was about to turn round last.
+    """Last reversal of each cylinder.
 
     constants: of the machine
-    at:        (C,) steps of the filters then; -inf: never
-    way:       (C,) that it takes then: 1 extends, -1 retracts
+    at:        (C,) step of the filters at which the cylinder was about to reverse last; -inf: never
+    way:       (C,) direction after that reversal: 1 extends, -1 retracts
     """
 
     constants: ReversalConstants
@@ -54,18 +57,19 @@ class Reversals(Estimator):
 
     @classmethod
     def start(cls, constants: ReversalConstants) -> Self:
-        """Return the state in which nothing has turned."""
+        """Return the state before any reversal."""
         size = len(constants.model.machine.cylinders)
         return cls(constants, at=array("d", [-inf]) * size, way=ZERO * size)
 
     def clear(self) -> None:
-        """Forget all reversals: the filters begin anew."""
+        """Discard all reversals, because the filters begin anew."""
         size = len(self.at)
         self.at, self.way = array("d", [-inf]) * size, ZERO * size
 
     def update(self, instant: Instant, steps: int) -> None:
-        """Take one step, at so many `steps` of the filters. The pipeline's speeds are late; it looks ahead by as
-        much."""
+        """Update the reversals with the filters' step number `steps`.
+
+        `Instant.reversing` marks a reversal ahead of the filtered speed, which is delayed."""
         reversing = instant.reversing
         if not any(reversing):
             return
@@ -74,10 +78,11 @@ class Reversals(Estimator):
                 self.at[c], self.way[c] = steps, -1.0 if instant.speed[c] > 0.0 else 1.0
 
     def explains(self, doubt: SensorDoubt, steps: int, speed: Numbers, values: Numbers, drift: DriftKnowledge) -> bool:
-        """Return whether the step of a pressure that is suspected may be friction that turned round.
+        """Return whether a reversal of friction explains the suspected step of a pressure.
 
-        steps:  of the filters so far
-        speed:  (C,) of the cylinders now [m/s]
+        doubt:  suspicion of the step
+        steps:  number of steps of the filters so far
+        speed:  (C,) present speed of the cylinders [m/s]
         values: (S,) of all signals [SI]
         drift:  of friction and zeros
         """
@@ -93,8 +98,10 @@ class Reversals(Estimator):
         return (rests or push * self.way[c] > 0.0) and abs(push) <= 2.0 * (dry + CLEAR * error)
 
     def _dry_friction(self, c: int, values: Numbers, drift: DriftKnowledge) -> tuple[float, float]:
-        """Return the most dry friction of a cylinder [N] and its standard error, at its force. By what it differs in
-        creeping, it may be more when it turns round: the form of that is known no better than its size."""
+        """Return the largest dry friction of a cylinder at its present force [N], and its standard error [N].
+
+        The Stribeck part counts as positive: its law is known no better than its size, so that a reversal may increase
+        friction by it."""
         laws, tares, model = self.constants.laws[c], self.constants.tares, self.constants.model
         row = np.zeros(len(tares.values))
         row[laws["coulomb"]] = 1.0

@@ -12,19 +12,19 @@ from cylforce.signals.estimate import Quantity
 
 @dataclass(slots=True)
 class MonitorSample:
-    """One step as the detectors see it.
+    """Input of the detectors from one step.
 
     values:   (S,) of all signals [SI]
-    arrivals: (S,) times of the frames that the values are of [us]; empty: not known
-    leapt:    numbers of the signals that leapt and stayed there
+    arrivals: (S,) receive times of the frames that carried the values [us]; empty: not known
+    leapt:    numbers of the signals that have stepped
     pipeline: filters
     instant:  rows of this step
-    residual: (R,) residual torque of tares and drift [N m]
+    residual: (R,) residual torque after tares and drift [N m]
     forces:   at the tool
-    drift:    so far
+    drift:    present drift of friction and zeros
     gross:    weight less zero [kg]
-    lift:     the present one
-    weighed:  whether a load is weighed now, whose force that of the soil does not contain
+    lift:     present lift
+    weighed:  whether a load is weighed now and its force is subtracted in the soil force
     """
 
     values: Numbers

@@ -1,9 +1,9 @@
-"""Is a pressure constant? It changes when its cylinder turns round: supply becomes return. A reading that does not,
-apart from white noise, is stuck.
+"""Detector of frozen pressures: constant apart from white noise.
 
-Analysis of variance: sixteen means over 0.25 s of one pressure while its cylinder moved, at least four each way, are
-compared with the noise within them. Its noise is white: where readings vary more within a mean than their second
-differences say, oil oscillates, and no sensor is stuck."""
+A pressure changes when its cylinder reverses, because supply becomes return. Analysis of variance: sixteen means over
+0.25 s of one pressure while its cylinder moves, at least four each way, are compared with the noise within them. The
+noise of a frozen sensor is white. Where the variance within a mean exceeds that of the second differences, the oil
+oscillates, and the sensor is not frozen."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -16,7 +16,7 @@ from cylforce.service.plausibility.pressure_groups import CHANGES, COLOURED, Gro
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorDoubt, SensorFault
 
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
-# change. A constant with white noise exceeds it once in fifty times; machines in order are at 4 and more.
+# change. A constant with white noise exceeds it once in fifty times; healthy machines are at 4 and more.
 CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exceeded by 2 %
 
 
@@ -25,7 +25,7 @@ class StuckPressure(Detector):
     """Pressures that do not change in 4 s of motion.
 
     constants: of the pressures
-    constant:  (P,) which do not change
+    constant:  (P,) True where a pressure does not change
     """
 
     constants: GroupConstants
@@ -47,7 +47,7 @@ class StuckPressure(Detector):
         return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
 
     def on_step(self, features: Features) -> None:
-        """Compare the groups when one has ended."""
+        """Update the report when a group has ended."""
         ratios = features.groups.ratios
         if not ratios:
             return

@@ -1,4 +1,4 @@
-"""What is suspected: which signals, of which fault, how surely."""
+"""Suspicion of a sensor fault: its signals, its cause, and its level."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,25 +6,25 @@ from enum import IntEnum
 
 
 class SensorFault(IntEnum):
-    """What is wrong with a signal."""
+    """Fault of a signal."""
 
     NONE = 0
     STUCK = 1  # does not change while its cylinder moves both ways
-    BURST = 2  # fell to nothing at once
+    BURST = 2  # fell to zero within 50 ms
     OFFSET = 3  # a pressure that is off by a constant
     SLIPPED = 4  # an angle that is off by a constant
     EXCHANGED = 5  # the forces do not belong to the motion: connected to the wrong place, or dead
-    LEAPT = 6  # an angle that leapt farther than a joint can turn, and stayed there
+    LEAPT = 6  # an angle that stepped farther than a joint can turn
     IMPOSSIBLE = 7  # a pressure below vacuum
-    LIGHT = 8  # the bucket weighs less than nothing
-    STEPPED = 9  # a pressure that leapt alone, and stayed there
-    SWAPPED = 10  # pressures that leapt to where the others were
+    LIGHT = 8  # the empty bucket has a negative weight
+    STEPPED = 9  # a pressure that stepped alone
+    SWAPPED = 10  # pressures that each continue where another one was
     STRAYED = 11  # a pressure that was outside its sensor's range, and then inside again
     MISPLACED = 12  # the empty bucket has moments that no mass in it has
 
 
 class Level(IntEnum):
-    """How surely: values are DEGRADED when a signal is suspected (DOUBTED), INVALID when it is REJECTED."""
+    """Level of a suspicion: values are DEGRADED when a signal is suspected (DOUBTED), INVALID when it is REJECTED."""
 
     FINE = 0
     DOUBTED = 1
@@ -36,23 +36,23 @@ class Level(IntEnum):
         return max((level for level, limit in limits.items() if value > limit), default=cls.FINE)
 
 
-# Latched once rejected, until the service is started again: what a pressure itself shows
+# Latched once rejected, until the service is started again: faults that one pressure shows by itself
 LATCHED = (SensorFault.BURST, SensorFault.IMPOSSIBLE)
-# Latched once both directions of motion have confirmed it: what is concluded from many samples
+# Latched once both directions of motion have confirmed it: faults that are concluded from many samples
 LATCHED_IF_CONFIRMED = (SensorFault.SLIPPED, SensorFault.EXCHANGED)
-# Suspected at a moment, to be confirmed or refuted by the next motion in the air
+# Suspected from one instant, to be confirmed or refuted by the next motion in the air
 WAITING = (SensorFault.STEPPED, SensorFault.SWAPPED, SensorFault.STRAYED)
 
 
 @dataclass(frozen=True, slots=True)
 class SensorDoubt:
-    """A suspicion.
+    """Suspicion of a sensor fault.
 
-    level:     how surely
-    cause:     the fault
+    level:     of the suspicion
+    cause:     suspected fault
     signals:   numbers of the signals of which one is wrong
-    size:      by how much [Pa, rad]; 0: not known
-    confirmed: whether motion in both directions has confirmed it
+    size:      error of the signal [Pa, rad]; 0: not known
+    confirmed: whether motion in both directions has confirmed the fault
     """
 
     level: Level = Level.FINE
@@ -63,25 +63,26 @@ class SensorDoubt:
 
     @property
     def latched(self) -> bool:
-        """Whether it stays until the service is started again."""
+        """Return whether the suspicion stays until the service is started again."""
         latches = self.cause in LATCHED or (self.confirmed and self.cause in LATCHED_IF_CONFIRMED)
         return self.level is Level.REJECTED and latches
 
     @property
     def stays(self) -> bool:
-        """Whether it stays although no detector reports it any more: until it is refuted by seconds in the air, or,
-        where it is latched, until the service is started again. Exchanged pressures push in one direction of motion
-        only."""
+        """Return whether the suspicion stays although no detector reports it any more.
+
+        It stays until seconds in the air refute it, or, where it is latched, until the service is started again.
+        Exchanged pressures drive the tool in one direction of motion only, so that their report may end by itself."""
         return self.latched or (self.level is Level.REJECTED and self.cause is SensorFault.EXCHANGED)
 
     @property
     def waits(self) -> bool:
-        """Whether the next motion in the air decides: bookings wait for it."""
+        """Return whether bookings wait for the next motion in the air to decide."""
         return self.cause in WAITING
 
     @property
     def follows(self) -> bool:
-        """Whether friction and zeros are still adapted: an empty bucket below nothing may be a drift."""
+        """Return whether friction and zeros are still adapted: a negative weight of the empty bucket may be a drift."""
         return self.level is Level.FINE or self.cause is SensorFault.LIGHT
 
 

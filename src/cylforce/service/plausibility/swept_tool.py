@@ -1,7 +1,8 @@
-"""Is the tool swept sideways? In the ground it cannot be: the soil is stronger than the house's motor. While the house
-slews the tool is in the air, where a load explains the torques of all joints. Seconds of slewing that no load explains,
-one after the other, mean that a signal is wrong, though not which one; a bucket that is dumped meanwhile is such a
-second, too, for a part of a swing."""
+"""Detector of slewing that no load explains.
+
+The house's motor cannot sweep the tool sideways through the ground. While the house slews the tool is in the air, where
+a load explains the torques of all joints. Successive seconds of slewing that no load explains mean that a signal is
+wrong, but do not show which one. A bucket that is dumped during a part of a swing also causes such seconds."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -21,17 +22,17 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 # rad of slewing that no load explains, from which on the signals are suspected or rejected; chosen: more than one and a
-# half times the largest of machines in order, 0.60, which dump meanwhile; two swings, out and back
+# half times the largest of healthy machines, 0.60, which dump meanwhile; two swings, out and back
 FARTHEST = {Level.DOUBTED: 1.0, Level.REJECTED: 3.0}
-FAST = 0.2  # rad/s of the house, at which nothing touches the ground; chosen: a fifth of its full speed
+FAST = 0.2  # rad/s of the house, above which the tool has no contact; chosen: a fifth of its full speed
 
 
 class SweptConstants(Constants):
-    """The slewing of one machine.
+    """Constants of the slewing of one machine.
 
     measured:  kinds of the signals
     pressures: numbers of the signals that are suspected
-    rate_hz:   steps a second
+    rate_hz:   steps per second [Hz]
     """
 
     def __init__(self, monitored: MonitoredMachine) -> None:
@@ -42,12 +43,12 @@ class SweptConstants(Constants):
 
 @dataclass(slots=True)
 class SweptTool(Detector):
-    """Slewing that no load explains; nothing is measured without a sensor of it.
+    """Slewing that no load explains. Without a slew sensor it is always 0.
 
     constants: of the machine
-    running:   by how much the house slewed in the running block [rad]
-    angle:     in the blocks before that no load explained, since the last one that a load did [rad]
-    fast:      whether the house slews so fast that nothing can touch the ground
+    running:   angle of slewing in the running block [rad]
+    angle:     angle of slewing in earlier blocks without an explanation, since the last one that a load explains [rad]
+    fast:      whether the house slews too fast for contact of the tool with the ground
     """
 
     constants: SweptConstants
@@ -67,20 +68,20 @@ class SweptTool(Detector):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state in which nothing was swept."""
+        """Return the state before any slewing."""
         return cls(machine.constants(SweptConstants))
 
     @property
     def level(self) -> Level:
-        """How surely a signal is wrong."""
+        """Level of the suspicion that a signal is wrong."""
         return Level.of(self.angle, FARTHEST)
 
     def interrupt(self, why: Interruption) -> None:
-        """Drop the running block."""
+        """Discard the running block."""
         self.running = 0.0
 
     def on_sample(self, features: Features) -> None:
-        """Take the slewing of a sample, and a block that ends with it."""
+        """Update the report with the slewing of a sample, and with a block that ends at it."""
         self.slew(features.now.pipeline.smooth)
         if features.blocks.ended:
             self.end_block(features.blocks.explained)
@@ -91,7 +92,7 @@ class SweptTool(Detector):
             self.doubt = SensorDoubt(level, SensorFault.EXCHANGED, self.constants.pressures)
 
     def slew(self, smooth: Array) -> None:
-        """Take a sample, of which the last three `smooth` channels (3, D) are known."""
+        """Add the slewing of a sample to the running block; `smooth` (3, D): last three smoothed channels."""
         c = self.constants
         if Kind.SLEW_RATE in c.measured:
             rate = float(smooth[-1, -1])
@@ -103,7 +104,7 @@ class SweptTool(Detector):
         self.fast = abs(rate) > FAST
 
     def end_block(self, explained: bool | None) -> None:
-        """Take a block that a load explains, or not; None: the machine hardly moved."""
+        """End the running block; `explained`: whether a load explains it, None: the machine hardly moved."""
         if explained is not None:
             self.angle = 0.0 if explained else self.angle + self.running
         self.running = 0.0

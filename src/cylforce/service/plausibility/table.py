@@ -1,5 +1,6 @@
-"""The table of detectors. One line adds a detector; of several suspicions of one level the first one is reported, so
-that the most specific ones come first."""
+"""Table of the detectors. One line adds a detector.
+
+Of several suspicions of one level the first one is reported, so the most specific detectors come first."""
 
 from cylforce.service.plausibility.angle_leap import AngleLeap
 from cylforce.service.plausibility.constant_error import ConstantError

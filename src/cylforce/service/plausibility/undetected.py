@@ -1,17 +1,16 @@
-"""Errors of signals that are no evidence (undetected bias): which error of each signal does the motion allow, and what
-would it do to a weight or a force?
+"""Undetected bias: the probable error of each signal that no detector finds, and its effect on weight and force.
 
-Each signal is off by something. What is far off is detected. For the rest the torques of all joints show how large it
-probably is: the size with which they are explained best, beside a load of its own in each lift and everyday changes of
-friction and zeros. A load explains nearly as much, so that this is hardly ever evidence, and yet its mass would change.
-Such changes, of each signal by itself, are a part of the standard errors of weight and force.
+Every signal has an error. Large errors are detected. The probable size of a smaller one explains the torques of all
+joints best, beside a load of its own in each lift and the usual changes of friction and zeros. A load
+explains nearly as much, so that this size is hardly ever evidence, although it changes the load's mass. These changes,
+of each signal by itself, are a part of the standard errors of weight and force.
 
-In the weight they count as far as there is evidence that any signal is off at all. That none is, or one of them, each
-by itself, is equally probable a priori; how large an error is, is then known no better than from one independent sample
-(the unit information prior of Kass and Wasserman, doi:10.1080/01621459.1995.10476592), a pressure's no larger than its
-sensor's class unless the torques show it. With an error of signal h that is z_h standard errors large, N independent
-samples are exp(z_h^2 / 2) / sqrt(1 + N) times as probable as without. Where the torques scatter more than at
-commissioning, z_h is that much smaller (Birge ratio)."""
+In the weight they count by the probability that any signal has an error at all. A priori no error, and an error of
+each single signal, are equally probable. The prior of the size carries the information of one independent sample (unit
+information prior, Kass and Wasserman, doi:10.1080/01621459.1995.10476592). An error of a pressure is bounded by its
+sensor's class unless the torques determine it. With an error of signal h that is z_h standard errors large, N
+independent samples are exp(z_h^2 / 2) / sqrt(1 + N) times as probable as without. Where the torques scatter more than
+at commissioning, z_h is divided by that factor (Birge ratio)."""
 
 from dataclasses import dataclass
 from math import exp, sqrt
@@ -27,8 +26,8 @@ from cylforce.service.plausibility.blocks import EVERY, LOAD, SAMPLES, BlockCons
 from cylforce.service.snapshot import Estimator
 from cylforce.signals.estimate import Array, Force, Status
 
-# Seconds in the air after which older ones have faded to 1/e: about a working cycle's, so that an error that has just
-# come counts as soon; 10 to 48 give the same standard errors in order.
+# Seconds in the air after which older ones have faded to 1/e: about a working cycle's, so that a new error soon counts;
+# 10 to 48 give the same standard errors on healthy machines.
 MEMORY = 10.0
 CLASS = 2.0 / 3.0**0.5  # bar: standard error of a pressure sensor of class 0.5 and 400 bar, evenly within 2 bar
 MOST = 50.0  # logarithm of odds from which on an error is certain: beyond the precision of a probability, 1e-16
@@ -36,18 +35,18 @@ MOST = 50.0  # logarithm of odds from which on an error is certain: beyond the p
 
 @dataclass(slots=True)
 class UndetectedErrors(Estimator):
-    """Probable errors of H signals, and their effect.
+    """Estimator of the probable errors of H signals, and of their effect.
 
     constants: of the blocks
-    lift:      (K, K) rows of the lift so far, in seconds that a load explains
-    before:    (K-4, K-4) rows of the lifts before, their loads taken out, faded
-    taken:     samples of the lift
-    probable:  error of each signal, in the blocks' units
-    slopes:    (H,) change of the mass in the bucket per unit of each [kg]
-    torques:   (R, H) by these errors at the moment [N m]
+    lift:      (K, K) products of the rows of the present lift, from seconds that a load explains
+    before:    (K-4, K-4) products of the rows of earlier lifts, their loads eliminated, faded
+    taken:     number of samples of the lift
+    probable:  errors of the signals, in the blocks' units
+    slopes:    (H,) change of the mass in the bucket per unit of each error [kg]
+    torques:   (R, H) present torques by these errors [N m]
     mass:      standard error of the mass in the bucket by these errors [kg]
-    of_lift:   seconds in `lift`
-    of_before: seconds in `before`
+    of_lift:   number of seconds in `lift`
+    of_before: number of seconds in `before`, faded
     """
 
     constants: BlockConstants
@@ -77,7 +76,7 @@ class UndetectedErrors(Estimator):
         )
 
     def end_lift(self) -> None:
-        """Begin another lift: it has ended, or the measurement stopped."""
+        """Begin another lift, because the present one has ended or the measurement stopped."""
         self.before = self.before + self._without_load(self.lift)
         self.of_lift, self.of_before = 0.0, self.of_lift + self.of_before
         self.lift, self.taken = np.zeros_like(self.lift), 0
@@ -85,13 +84,13 @@ class UndetectedErrors(Estimator):
     def update(
         self, blocks: BlockGatherer, channels: Numbers, resultant: Force, taken: int, drift: DriftFilter
     ) -> None:
-        """Take a sample.
+        """Update errors and effects with one sample.
 
-        blocks:    with this sample
-        channels:  (D,) about which the slow rows are
-        resultant: force at the tool, which an angle that is off seems to turn
-        taken:     samples of the lift
-        drift:     that is taken out of the weight
+        blocks:    including this sample
+        channels:  (D,) of the slow rows
+        resultant: force at the tool, which an error of an angle seems to rotate
+        taken:     number of samples of the lift
+        drift:     that is subtracted in the weight
         """
         c = self.constants
         if taken < self.taken:
@@ -108,7 +107,7 @@ class UndetectedErrors(Estimator):
         self.mass = sqrt(float(errors @ errors))
 
     def _take_second(self, block: Array) -> None:
-        """Take one more second of the lift, (K, K)."""
+        """Update the errors with one more second (K, K) of the lift."""
         c, fading = self.constants, exp(-1.0 / MEMORY)
         self.of_lift, self.of_before = self.of_lift + 1.0, fading * self.of_before
         self.lift, self.before = self.lift + block, self.before * fading
@@ -125,26 +124,30 @@ class UndetectedErrors(Estimator):
         self.probable = ProbableErrors(self.within_class(sizes, square), certain, probability)
 
     def within_class(self, sizes: Array, square: Array) -> Array:
-        """Return the errors (H,) that explain the torques best, known with the information `square` (H,), and what the
-        classes of the sensors say of pressures: where the torques hardly show them, nothing. An angle may slip by any
-        size."""
+        """Return the errors (H,), those of pressures with the prior of their sensors' class, 0 +- CLASS.
+
+        An angle may slip by any size, so that its error is unchanged.
+
+        sizes:  (H,) errors that explain the torques best
+        square: (H,) information of the torques on them
+        """
         pressures = len(self.constants.pressed)
         known = 1.0 / (1.0 + CLASS**-2.0 / square[:pressures])
         return np.concatenate([known * sizes[:pressures], sizes[pressures:]])
 
     def _without_load(self, rows: Array) -> Array:
-        """Return rows (K-4, K-4) of a lift (K, K), its load taken out."""
+        """Return the products (K-4, K-4) of a lift's rows (K, K) with its load eliminated."""
         c, own = self.constants, rows / self.constants.memory
         load = np.linalg.inv(own[:LOAD, :LOAD] + np.diag(c.prior[:LOAD]))
         return np.asarray(own[LOAD:, LOAD:] - own[LOAD:, :LOAD] @ load @ own[:LOAD, LOAD:])
 
 
 def off_probability(evidence: Array, left: float, samples: float) -> float:
-    """Return the probability that a signal is off.
+    """Return the probability that a signal has an error.
 
     evidence: (H,) squares of the errors that explain the torques best, each over its variance
     left:     squares of the residual without an error
-    samples:  number of independent samples
+    samples:  N, number of independent samples
     """
     scatter = max(1.0, (left - float(evidence.max())) / samples)
     likely = np.exp(np.minimum(evidence / (2.0 * scatter), MOST)) / sqrt(1.0 + samples)

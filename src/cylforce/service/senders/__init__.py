@@ -1,1 +1,1 @@
-"""Who sends on the bus: each sensor by itself, and nobody in its place or in ours."""
+"""Supervision of the bus's senders: one node sends each sensor's identifiers, and only our node sends ours."""

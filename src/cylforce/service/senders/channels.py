@@ -1,5 +1,7 @@
-"""State of signals, PDOs and nodes by name. The kernel keeps them in one flat array (`kernel/inputs.py`), whose parts
-`InputLayout` names; the order of the fields is that of the kernel."""
+"""State of signals, PDOs and nodes with named fields.
+
+The kernel keeps this state in one flat array (`kernel/inputs.py`), whose parts `InputLayout` names. The fields are in
+the kernel's order."""
 
 from dataclasses import dataclass
 from math import nan
@@ -14,19 +16,19 @@ REASONS = {float(reason): reason for reason in Reason}
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One signal.
+    """State of one signal.
 
-    value:    last accepted value [SI]; while not enough good values were received: the last one
+    value:    last accepted value [SI]; last received value while too few good values were received
     t_us:     time of the last accepted value [us]
-    seen_us:  time of the last value of any kind [us]
-    reason:   what was wrong with that one, as a number of `Reason`
+    seen_us:  time of the last received value, good or not [us]
+    reason:   of the last received value, as a number of `Reason`
     good:     number of good values in a row
     equal:    number of equal values in a row while the machine moved
     jumps:    number of values in a row that are off by a `leap`
-    leap:     difference from the value before the leap [SI]
+    leap:     difference from the value before the step [SI]
     last:     last implausible value [SI]
-    leapt:    sum of the leaps that were accepted after enough such values [SI]
-    since_us: the last value of any kind was measured after this time, however long it then waited for the bus [us]
+    leapt:    sum of the steps that were accepted after enough such values [SI]
+    since_us: earliest time at which the last received value was measured, before it waited for the bus [us]
     """
 
     value: float
@@ -43,17 +45,17 @@ class Channel:
 
     @classmethod
     def without_value(cls, reason: Reason, leapt: float = 0.0) -> Self:
-        """Return a signal of which no value was accepted."""
+        """Return the state of a signal without an accepted value."""
         return cls(nan, t_us=NEVER, seen_us=NEVER, reason=reason, good=0.0, equal=0.0, jumps=0.0, leapt=leapt)
 
 
 @dataclass(frozen=True, slots=True)
 class FrameCounters:
-    """Numbers of frames that were not as expected.
+    """Numbers of unexpected frames.
 
-    unknown: with an identifier of no sensor
-    short:   shorter than their mapping
-    long:    longer than their mapping
+    unknown: frames with an identifier of no sensor
+    short:   frames shorter than their mapping
+    long:    frames longer than their mapping
     """
 
     unknown: float
@@ -63,11 +65,11 @@ class FrameCounters:
 
 @dataclass(frozen=True, slots=True)
 class LastHeartbeat:
-    """A node's last heartbeat.
+    """Last heartbeat of a node.
 
-    t_us:   its time [us]; NEVER: none yet
+    t_us:   time of the heartbeat [us]; NEVER: none yet
     state:  NMT state
-    booted: 1 after a boot-up message, so that its heartbeat must follow its first PDO
+    booted: 1 after a boot-up message: a heartbeat must then follow the node's first PDO
     """
 
     t_us: float = NEVER
@@ -80,7 +82,7 @@ class PdoRate:
     """Rate of a PDO.
 
     t_us:       time of its last frame [us]
-    excess:     frames beyond those that one producer sends
+    excess:     number of frames beyond those of one producer
     doubled_us: time of the last sign of a second producer [us]
     """
 

@@ -1,5 +1,4 @@
-"""Who sends: whether each node's heartbeat goes on, whether only one node sends each identifier, and whether another
-node sends ours."""
+"""Nodes and identifiers to supervise: heartbeats, a second producer of an identifier, another sender of ours."""
 
 from cylforce.mechanics.installation import SensorNode, Service
 from cylforce.signals.layout import Pdo
@@ -12,10 +11,10 @@ _HEARTBEAT, _EMERGENCY, _ANSWER = 0x700, 0x80, 0x580
 class Supervisor:
     """Nodes and identifiers that are supervised.
 
-    pdos:        every PDO and the node that sends it
-    nodes:       number of the node by the identifier of its heartbeat
+    pdos:        every PDO with the node that sends it
+    nodes:       number of each node, by the identifier of its heartbeat
     periods_us:  shortest period of each PDO [us]
-    patience_us: of each PDO's node, the time without a heartbeat after which it counts as lost [us]
+    patience_us: time without a heartbeat after which the node of each PDO counts as lost [us]
     senders:     number of each PDO's node
     ours:        identifiers that only our node sends
     """
