@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from cylforce.estimation.kernel import inputs
+from cylforce.programs.live.doubts import CODES, WHY
 from cylforce.service.plausibility.suspicion import LATCHED, LATCHED_IF_CONFIRMED, Level, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Reason, Status
 
@@ -28,6 +29,13 @@ FAULTS = (
     "STRAYED",
     "MISPLACED",
 )
+
+
+def test_every_sensor_fault_has_a_code_and_a_sentence():
+    """A detector that reports a new fault adds it in both tables, or the daemon could not report it."""
+    faults = set(SensorFault) - {SensorFault.NONE}
+    assert set(CODES) == set(WHY) == faults
+    assert all(0xFF10 <= code <= 0xFFFF for code in CODES.values())
 
 
 def test_reasons_and_status_have_the_numbers_of_the_chapter():

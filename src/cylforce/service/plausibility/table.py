@@ -1,6 +1,8 @@
 """Table of the detectors. One line adds a detector.
 
-Of several suspicions of one level the first one is reported, so the most specific detectors come first."""
+Of several suspicions of one level the first one is reported. First come the detectors that need the readings of one
+sensor alone, then those that compare a reading with the motion, last the statistics over many rows: so the most
+specific one is reported."""
 
 from cylforce.service.plausibility.angle_leap import AngleLeap
 from cylforce.service.plausibility.constant_error import ConstantError
