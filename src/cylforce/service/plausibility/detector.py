@@ -1,6 +1,8 @@
 """Base of all detectors: a detector tests for one way in which signals contradict each other or themselves.
 
-A new detector is one file with a subclass of `Detector`, and one line in `table.py`."""
+A new detector is one file with a subclass of `Detector`, and one line in `table.py`. A fault that no detector reports
+yet needs a member of `SensorFault` (`suspicion.py`), and its code and sentence in `programs/live/doubts.py`.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
