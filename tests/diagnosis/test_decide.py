@@ -70,7 +70,7 @@ def test_a_second_effect_must_be_worth_its_prior():
     one, both = candidate(30.0, 0), candidate(31.0, 0, 2)
     found = evidence(one, both)
     assert found.prior_of(both) < found.prior_of(one) - 2.0
-    assert found.weights[0][1] > found.weights[0][2]
+    assert found.weights.candidates[1] > found.weights.candidates[2]
     assert found.posterior[MASS] > 0.99  # both have it as the main effect
 
 
@@ -81,10 +81,27 @@ def test_the_main_effect_is_the_one_without_which_most_is_lost():
     assert found.best_of(OTHER) is found.candidates[3]
 
 
+@pytest.mark.parametrize(
+    ("log", "noise", "first"),
+    [
+        (60.0, NOISE, NO_GAP),  # likelier than any effect, and the residual is a healthy one
+        (60.0, LOUD, UNKNOWN),  # likelier than any effect, but it leaves what no healthy machine shows
+        (30.0, NOISE, MASS),
+    ],
+)
+def test_oil_of_another_temperature_competes_as_every_hypothesis(log, noise, first):
+    oil = candidate(log, rest=1.0, noise=noise).hypothesis
+    found = evidence(candidate(40.0, 0), oil=oil, sure=True)
+    assert found.first == first
+    assert found.oil_is_likeliest == (log > 40.0)
+    assert sum(found.posterior.values()) == pytest.approx(1.0)
+
+
 def test_evidence_counts_less_beside_a_residual_that_nothing_explains():
     def log_odds(rest):
         found = evidence(candidate(40.0, 2, rest=rest))
-        return np.log(found.weights[0][1] / found.weights[0][0]) - found.prior_of(found.candidates[1]) + np.log(HEALTHY)
+        none, one = found.weights.candidates
+        return np.log(one / none) - found.prior_of(found.candidates[1]) + np.log(HEALTHY)
 
     healthy = float(np.sqrt(1.0 + SAME_MACHINE))
     assert log_odds(0.9) == pytest.approx(40.0)

@@ -49,7 +49,7 @@ from cylforce.diagnosis.search import (
     Found,
     Key,
     examined,
-    log_with_other_oil,
+    with_other_oil,
 )
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
@@ -109,7 +109,7 @@ class Diagnosis:
     @property
     def other_oil(self) -> bool:
         """True where the gap is what oil of another temperature makes of a healthy machine's friction."""
-        return self.verdict is Verdict.NO_GAP and self.evidence.has_gap and self.evidence.weight_of_oil > 0.0
+        return self.verdict is Verdict.NO_GAP and self.evidence.has_gap and self.evidence.oil_is_likeliest
 
 
 def question_of(
@@ -231,7 +231,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
     """
     question = found.question
     sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP
-    evidence, same = one_answer(HypothesisEvidence(found, sure=sure, oil=log_with_other_oil(found)))
+    evidence, same = one_answer(HypothesisEvidence(found, sure=sure, oil=with_other_oil(found)))
     plain = Simulation(question, None).run((), rng)
     refuted, refused = list[str](), False
     while True:

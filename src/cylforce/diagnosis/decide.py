@@ -16,12 +16,11 @@ from cylforce.diagnosis.constants import (
     SAME_MACHINE,
     SECOND_EFFECT,
 )
-from cylforce.diagnosis.likelihood import effective_share
+from cylforce.diagnosis.likelihood import Hypothesis, effective_share
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
-from cylforce.signals.estimate import Array
 
-LARGEST_LOG = 500.0  # of a weight; physics: beyond it a double overflows
+PRIOR_OF_OIL = float(np.log(HEALTHY * SECOND_EFFECT))  # log prior: a healthy machine, and one circumstance beside it
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
@@ -37,19 +36,38 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
+class HypothesisWeights:
+    """Posterior weights; the largest of all is 1.
+
+    candidates: of the hypotheses of lasting effects, in their order
+    incidents:  of the incidents of single blocks, in their order
+    oil:        of a healthy machine with oil of another temperature
+    """
+
+    candidates: list[float]
+    incidents: list[float]
+    oil: float
+
+    @property
+    def whole(self) -> float:
+        """Sum of all weights."""
+        return sum(self.candidates) + sum(self.incidents) + self.oil
+
+
+@dataclass(frozen=True)
 class HypothesisEvidence:
     """Competing hypotheses, some of them withdrawn.
 
     found:     everything that the search found
     withdrawn: causes that their simulation refutes, or that repeat another answer
     sure:      whether the gap is too large for any healthy machine with oil as warm as in the references
-    oil:       log probability of a healthy machine with oil of another temperature; None if that is no answer
+    oil:       hypothesis of a healthy machine with oil of another temperature; None if that is no answer
     """
 
     found: Found
     withdrawn: frozenset[Key] = frozenset()
     sure: bool = False
-    oil: float | None = None
+    oil: Hypothesis | None = None
 
     @cached_property
     def candidates(self) -> list[Candidate]:
@@ -156,33 +174,38 @@ class HypothesisEvidence:
             return 1.0 / CORRELATED_ROWS
         each = [(c.log + self.prior_of(c), c.rest) for c in self.candidates]
         each += [(i.log + self.prior_of_incident(i), i.rest) for i in self.incidents]
+        if self.oil is not None:
+            each.append((self.oil.log + PRIOR_OF_OIL, self.oil.rest))
         return effective_share(max(each)[1])
 
     @cached_property
-    def _logs(self) -> Array:
-        """Log posterior weights of the candidates and of the incidents."""
+    def weights(self) -> HypothesisWeights:
+        """Posterior weights of all hypotheses."""
         none = self.found.healthy.log
-        logs = [self.strength * (c.log - none) + self.prior_of(c) for c in self.candidates]
-        logs += [self.strength * (i.log - none) + self.prior_of_incident(i) for i in self.incidents]
-        return np.array(logs)
-
-    @cached_property
-    def weights(self) -> tuple[list[float], list[float]]:
-        """Posterior weights of the candidates and of the incidents; the largest is 1."""
-        weights = np.exp(self._logs - np.max(self._logs)).tolist()
-        return weights[: len(self.candidates)], weights[len(self.candidates) :]
+        candidates = [self.strength * (c.log - none) + self.prior_of(c) for c in self.candidates]
+        incidents = [self.strength * (i.log - none) + self.prior_of_incident(i) for i in self.incidents]
+        oil = -np.inf
+        if self.oil is not None:
+            oil = self.strength * (self.oil.log - none) + PRIOR_OF_OIL
+        largest = max([*candidates, *incidents, oil])
+        return HypothesisWeights(
+            candidates=np.exp(np.array(candidates) - largest).tolist(),
+            incidents=np.exp(np.array(incidents) - largest).tolist(),
+            oil=float(np.exp(oil - largest)),
+        )
 
     @property
-    def weight_of_oil(self) -> float:
-        """Posterior weight of a healthy machine whose oil has another temperature, in the same unit."""
-        if self.oil is None:
-            return 0.0
-        log = self.strength * (self.oil - self.found.healthy.log) + float(np.log(HEALTHY * SECOND_EFFECT))
-        return float(np.exp(min(log - np.max(self._logs), LARGEST_LOG)))
+    def oil_is_likeliest(self) -> bool:
+        """True where oil of another temperature in a healthy machine is the likeliest of all hypotheses."""
+        return self.weights.oil == 1.0
+
+    def usual(self, hypothesis: Hypothesis) -> float:
+        """Return the probability that the residual of a hypothesis is that of a healthy machine."""
+        return hypothesis.noise.probability_usual(self.found.case.machine.noise)
 
     def lawful(self, c: Candidate) -> float:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law."""
-        usual = c.hypothesis.noise.probability_usual(self.found.case.machine.noise)
+        usual = self.usual(c.hypothesis)
         gap = self.gap**2 - 1.0
         if not c.hypothesis.forms or gap <= 0.0:
             return usual
@@ -196,17 +219,19 @@ class HypothesisEvidence:
         of its law. All of it does if the hypothesis explains less than half of the gap.
         """
         found: dict[Key, float] = {NO_GAP: 0.0, UNKNOWN: 0.0}
-        for c, weight in zip(self.candidates, self.weights[0], strict=True):
+        for c, weight in zip(self.candidates, self.weights.candidates, strict=True):
             lawful = self.lawful(c) * float(not c.hypothesis.forms or self.explained(c.rest) >= HALF)
             key = self.main(c) if c.hypothesis.forms else self._key_without_effect(c)
             found[key] = found.get(key, 0.0) + weight * lawful
             found[UNKNOWN] += weight * (1.0 - lawful)
-        for i, weight in zip(self.incidents, self.weights[1], strict=True):
+        for i, weight in zip(self.incidents, self.weights.incidents, strict=True):
             key = self.key_of(i)
             found[key] = found.get(key, 0.0) + weight
         if self.sure:
             found[NO_GAP] = 0.0
-        found[NO_GAP] += self.weight_of_oil
+        if self.oil is not None:
+            found[NO_GAP] += self.weights.oil * self.usual(self.oil)
+            found[UNKNOWN] += self.weights.oil * (1.0 - self.usual(self.oil))
         if not self.has_gap:
             found[NO_GAP], found[UNKNOWN] = found[NO_GAP] + found[UNKNOWN], 0.0
         whole = sum(found.values())

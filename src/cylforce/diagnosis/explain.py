@@ -118,9 +118,8 @@ def causes_of(evidence: HypothesisEvidence, candidate: Candidate) -> list[Cause]
 
 def _included(evidence: HypothesisEvidence, key: Key) -> float:
     """Return the probability that an effect is present, alone or beside others."""
-    weights, others = evidence.weights
-    each = zip(evidence.candidates, weights, strict=True)
-    return sum(w for c, w in each if key in c.keys) / (sum(weights) + sum(others))
+    each = zip(evidence.candidates, evidence.weights.candidates, strict=True)
+    return sum(weight for c, weight in each if key in c.keys) / evidence.weights.whole
 
 
 def _cause(

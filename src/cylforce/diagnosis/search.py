@@ -57,7 +57,6 @@ from cylforce.diagnosis.regressors import ColumnSource, ReturnLevel, return_evid
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, SharedNoise
 from cylforce.effects.effect import Parameter
 from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped, shapes
-from cylforce.effects.friction.friction_temperature_drift import FrictionTemperatureDrift
 from cylforce.effects.imposed import Imposed
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Group, Proposal
@@ -73,7 +72,6 @@ Key = tuple[str, str]  # name and place of an effect
 NO_GAP: Key = ("no_gap", "")
 UNKNOWN: Key = ("unknown", "")
 CONTACT = TipForce().about.name
-WARMING = FrictionTemperatureDrift().about.name
 GLITCH = "intermittent_glitch"
 STEP_COLUMNS = ("load.mass", "load.X", "load.Z")
 WIDTH, DEEPEST, REFINED = 2, 8, 8  # of the beam: hypotheses kept, effects at most, forms tried beside each
@@ -314,17 +312,16 @@ class FieldQuestion:
     def oil_change(self) -> Array:
         """Standard deviations (K,) of the friction parameters when the oil has another temperature, in typical sizes.
 
-        The magnitude of a law in all cylinders together is known better than in one: it is shared by piston area.
+        The magnitude of a law is known better for all cylinders together than for one: it is divided by piston area.
         """
         regressors, found = self.machine.regressors, np.zeros(self.machine.layout.size)
         values = regressors.parameters + self.machine.values[: len(regressors.parameters)]
         areas = {c.name: c.area_head for c in regressors.model.machine.cylinders}
         for law, change in OIL_CHANGE.items():
-            own = [(k, areas.get(p.name.rpartition(".")[0], 0.0)) for k, p in _named(regressors.model, law)]
-            whole = sum(area for _, area in own)
-            level = sum(abs(float(values[k])) for k, _ in own) / whole if whole else 0.0
-            for k, area in own:
-                found[k] = change * level * area / self.unit[k]
+            area = {k: areas[p.name.rpartition(".")[0]] for k, p in _named(regressors.model, law)}
+            magnitude = sum(abs(float(values[k])) for k in area)
+            for k, own in area.items():
+                found[k] = change * magnitude * own / sum(area.values()) / self.unit[k]
         return found
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
@@ -972,11 +969,10 @@ def _named(model: Model, law: str) -> Iterator[tuple[int, Parameter]]:
             yield k, parameter
 
 
-def log_with_other_oil(found: Found) -> float | None:
-    """Return the log probability of a healthy machine whose oil has another temperature; None if that is no answer.
+def with_other_oil(found: Found) -> Hypothesis | None:
+    """Return the hypothesis of a healthy machine whose oil has another temperature; None if that is no answer.
 
-    Oil changes the friction of all cylinders in the same direction, and so at least two joints have a gap. Cold oil
-    warms while the machine moves.
+    Oil changes the friction of all cylinders in the same direction, and so at least two joints have a gap.
     """
     question = found.question
     if found.work is not None or question.free or question.machine.source is KnowledgeSource.DATA_SHEET:
@@ -984,31 +980,25 @@ def log_with_other_oil(found: Found) -> float | None:
     if np.count_nonzero(~without_gap(found.gaps)) < 2:
         return None
     case = replace(question, oil=True).likelihood()
-    warming = [(k,) for k, form in enumerate(question.forms) if form.name == WARMING and form.columns]
-    hypotheses = [case.likeliest(forms, case.machine.noise) for forms in ((), *warming)]
-    hypothesis = max(hypotheses, key=lambda h: h.log)
-    changes = case.state(hypothesis.noise).fitted * question.unit
-    pushed = _friction_at_usual_speed(question, changes)
-    if np.all(pushed > 0.0) or np.all(pushed < 0.0):
-        return hypothesis.log
-    return None
+    hypothesis = case.likeliest((), case.machine.noise)
+    changes = _friction_at_usual_speed(question, case.state(hypothesis.noise).fitted * question.unit)
+    return hypothesis if np.all(changes > 0.0) or np.all(changes < 0.0) else None
 
 
 def _friction_at_usual_speed(question: FieldQuestion, changes: Array) -> Array:
-    """Return the change of friction [N] of the cylinders that move, at their rms speed.
+    """Return the change of the friction (C,) [N] of the cylinders at their rms speed.
 
     changes: (K',) changes of the columns' sizes [SI]
     """
     model = question.machine.regressors.model
     speed = np.sqrt(np.nanmean(np.square(np.concatenate([s.rows.speed for s in question.seen])), axis=0))
-    found = {c.name: 0.0 for c in model.machine.cylinders}
-    for law in ("viscous", "coulomb"):
+    number = {cylinder.name: c for c, cylinder in enumerate(model.machine.cylinders)}
+    found = np.zeros(len(number))
+    for law, factor in (("viscous", speed), ("coulomb", np.ones(len(number)))):  # F = viscous v + coulomb
         for k, parameter in _named(model, law):
-            name = parameter.name.rpartition(".")[0]
-            if name in found:
-                number = [c.name for c in model.machine.cylinders].index(name)
-                found[name] += float(changes[k]) * (float(speed[number]) if law == "viscous" else 1.0)
-    return np.array([found[c.name] for c, v in zip(model.machine.cylinders, speed, strict=True) if v > 0.0])
+            c = number[parameter.name.rpartition(".")[0]]
+            found[c] += float(changes[k] * factor[c])
+    return found
 
 
 def examined(
