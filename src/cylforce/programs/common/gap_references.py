@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cylforce.diagnosis.constants import FEW_BLOCKS
 from cylforce.diagnosis.model import CENTRE, ColumnLayout, quiet_blocks
 from cylforce.diagnosis.regressors import Regressors, TorqueRows
-from cylforce.diagnosis.statistics import Mask
+from cylforce.diagnosis.statistics import Mask, in_blocks
 from cylforce.estimation.model import Model
 from cylforce.programs.common.recorded import SHORTEST_S
 from cylforce.readings.constants import BLOCK_ROWS, CLEAR_GAP
@@ -52,6 +53,13 @@ def alike(
     warnings += [f"{sensor.sentence}; it is left out of the references" for sensor in faulty]
     warnings += [f"{name} is unlike the other references: left out; what changed between them?" for name in unlike]
     kept = [each for each in kept if each.name not in unlike]
+    working = seen.at_work(names_of(kept))
+    warnings += [
+        f"{name} shows contact or unknown loads in {100.0 * seen.work_share[name]:.0f} % of its motion: left out beside "
+        "the other references, which show the machine without them"
+        for name in working
+    ]
+    kept = [each for each in kept if each.name not in working]
     warnings += seen.mostly_work(names_of(kept)) or seen.contradicting(names_of(kept))
     return Alike(kept, warnings)
 
@@ -85,11 +93,15 @@ class _Seen:
     references: in the blocks without contact and unknown loads
     total_s:    seconds of each recording, by name
     counted_s:  seconds of these blocks, by name
+    work_share: share of the blocks with motion that have contact or unknown loads, by name
+    joints:     (R,) of each recording, by name: joints that move without contact and unknown loads
     """
 
     references: References
     total_s: Mapping[str, float]
     counted_s: Mapping[str, float]
+    work_share: Mapping[str, float]
+    joints: Mapping[str, Mask]
 
     @classmethod
     def of(cls, model: Model, recordings: Sequence[Recording]) -> "_Seen":
@@ -98,11 +110,26 @@ class _Seen:
         rows = [regressors.rows(each, ()) for each in recordings]
         counted = quiet_blocks(ColumnLayout(model, ()), rows, recordings) if rows else []
         total, quiet = dict[str, float](), dict[str, float]()
+        moving, idle, joints = dict[str, int](), dict[str, int](), dict[str, Mask]()
         for each, own, blocks in zip(recordings, rows, counted, strict=True):
-            on = _of_rows(blocks, own)
-            total[each.name] = total.get(each.name, 0.0) + len(on) / regressors.rows_hz
-            quiet[each.name] = quiet.get(each.name, 0.0) + float(np.sum(on)) / regressors.rows_hz
-        return cls(references_of(model, recordings, rows, counted), total, quiet)
+            name, on, moves = each.name, _of_rows(blocks, own), in_blocks(np.isfinite(own.residual)).any(axis=1)
+            total[name] = total.get(name, 0.0) + len(on) / regressors.rows_hz
+            quiet[name] = quiet.get(name, 0.0) + float(np.sum(on)) / regressors.rows_hz
+            moving[name] = moving.get(name, 0) + int(np.sum(moves.any(axis=1)))
+            idle[name] = idle.get(name, 0) + int(np.sum(moves.any(axis=1) & blocks))
+            joints[name] = joints.get(name, False) | moves[blocks].any(axis=0)
+        share = {name: 1.0 - idle[name] / max(moving[name], 1) for name in moving}
+        return cls(references_of(model, recordings, rows, counted), total, quiet, share, joints)
+
+    def at_work(self, names: Sequence[str]) -> list[str]:
+        """Return the recordings that the others replace: work, of which the others show every joint without it.
+
+        Blocks of work in which contact is too weak to be significant bias the healthy machine.
+        """
+        working = [name for name in names if self.work_share[name] > FEW_BLOCKS]
+        others = [self.joints[name] for name in names if name not in working]
+        shown = np.any(others, axis=0) if others else False
+        return [name for name in working if np.all(shown | ~self.joints[name])]
 
     def mostly_work(self, names: Sequence[str]) -> list[str]:
         """Return sentences about references that seem to be nearly all work in comparison with the others."""
