@@ -49,7 +49,6 @@ from cylforce.diagnosis.search import (
     Found,
     Key,
     examined,
-    with_other_oil,
 )
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
@@ -107,9 +106,10 @@ class Diagnosis:
     same: dict[Key, Key] = field(default_factory=dict)
 
     @property
-    def other_oil(self) -> bool:
-        """True where the gap is what oil of another temperature makes of a healthy machine's friction."""
-        return self.verdict is Verdict.NO_GAP and self.evidence.has_gap and self.evidence.oil_is_likeliest
+    def other_temperature(self) -> bool:
+        """True where the gap is what another temperature makes of a healthy machine."""
+        conditions = self.evidence.found.healthy.hypothesis.noise.conditions
+        return self.verdict is Verdict.NO_GAP and self.evidence.has_gap and conditions.temperature is not None
 
 
 def question_of(
@@ -231,7 +231,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
     """
     question = found.question
     sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP
-    evidence, same = one_answer(HypothesisEvidence(found, sure=sure, oil=with_other_oil(found)))
+    evidence, same = one_answer(HypothesisEvidence(found, sure=sure))
     plain = Simulation(question, None).run((), rng)
     refuted, refused = list[str](), False
     while True:
@@ -239,7 +239,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
         cost = costs(evidence, key)
         verdict = min(cost, key=lambda v: cost[v])
         if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
-            if refused and verdict is Verdict.NO_GAP and evidence.has_gap:
+            if refused and verdict is Verdict.NO_GAP and evidence.has_gap and not evidence.temperature_explains:
                 verdict = Verdict.UNKNOWN  # a wrong law of one effect is no sign of a healthy machine
             if found.work is not None:  # unknown loads and contact may hide either
                 verdict = Verdict.NOT_OBSERVABLE

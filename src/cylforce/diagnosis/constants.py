@@ -27,6 +27,9 @@ VARYING_CHANGE = 0.2  # of friction and of pressure zeros, which follow the temp
 # Friction with oil of another temperature, relative to its magnitude, by the names of the parameters; physics: the
 # viscosity of ISO VG 46 is five times as large at 10 degC as at 40, dry friction and return pressure twice.
 OIL_CHANGE = {"viscous": 3.0, "coulomb": 1.0, "load_dependent": 1.0, "directional": 1.0}
+OWN_OIL_CHANGE = 0.4  # of that: each cylinder's own part; physics: friction follows the viscosity to the 0.45 to 0.75th
+# Zero [Pa] of a pressure sensor at another temperature; data sheets: 0.01 to 0.1 % of 400 bar for every 10 K, 30 K.
+THERMAL_ZERO = 0.5e5
 CREEP_CHANGE = 1.0  # of friction at creep, whose law is the least certain
 
 # Evidence and its strength.

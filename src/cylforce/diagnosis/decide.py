@@ -20,7 +20,6 @@ from cylforce.diagnosis.likelihood import Hypothesis, effective_share
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 
-PRIOR_OF_OIL = float(np.log(HEALTHY * SECOND_EFFECT))  # log prior: a healthy machine, and one circumstance beside it
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
@@ -41,17 +40,15 @@ class HypothesisWeights:
 
     candidates: of the hypotheses of lasting effects, in their order
     incidents:  of the incidents of single blocks, in their order
-    oil:        of a healthy machine with oil of another temperature
     """
 
     candidates: list[float]
     incidents: list[float]
-    oil: float
 
     @property
     def whole(self) -> float:
         """Sum of all weights."""
-        return sum(self.candidates) + sum(self.incidents) + self.oil
+        return sum(self.candidates) + sum(self.incidents)
 
 
 @dataclass(frozen=True)
@@ -60,14 +57,12 @@ class HypothesisEvidence:
 
     found:     everything that the search found
     withdrawn: causes that their simulation refutes, or that repeat another answer
-    sure:      whether the gap is too large for any healthy machine with oil as warm as in the references
-    oil:       hypothesis of a healthy machine with oil of another temperature; None if that is no answer
+    sure:      whether the gap is too large for any healthy machine
     """
 
     found: Found
     withdrawn: frozenset[Key] = frozenset()
     sure: bool = False
-    oil: Hypothesis | None = None
 
     @cached_property
     def candidates(self) -> list[Candidate]:
@@ -138,7 +133,9 @@ class HypothesisEvidence:
         return contact or UNKNOWN
 
     def prior_of_incident(self, i: BlockIncident | Spill) -> float:
-        """Return the log prior probability of an incident of single blocks."""
+        """Return the log prior probability of an incident of single blocks; a healthy machine has transients, too."""
+        if self._is_transient(i):
+            return float(np.log(HEALTHY))
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
         return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
@@ -174,8 +171,6 @@ class HypothesisEvidence:
             return 1.0 / CORRELATED_ROWS
         each = [(c.log + self.prior_of(c), c.rest) for c in self.candidates]
         each += [(i.log + self.prior_of_incident(i), i.rest) for i in self.incidents]
-        if self.oil is not None:
-            each.append((self.oil.log + PRIOR_OF_OIL, self.oil.rest))
         return effective_share(max(each)[1])
 
     @cached_property
@@ -184,20 +179,23 @@ class HypothesisEvidence:
         none = self.found.healthy.log
         candidates = [self.strength * (c.log - none) + self.prior_of(c) for c in self.candidates]
         incidents = [self.strength * (i.log - none) + self.prior_of_incident(i) for i in self.incidents]
-        oil = -np.inf
-        if self.oil is not None:
-            oil = self.strength * (self.oil.log - none) + PRIOR_OF_OIL
-        largest = max([*candidates, *incidents, oil])
+        largest = max([*candidates, *incidents])
         return HypothesisWeights(
             candidates=np.exp(np.array(candidates) - largest).tolist(),
             incidents=np.exp(np.array(incidents) - largest).tolist(),
-            oil=float(np.exp(oil - largest)),
         )
 
-    @property
-    def oil_is_likeliest(self) -> bool:
-        """True where oil of another temperature in a healthy machine is the likeliest of all hypotheses."""
-        return self.weights.oil == 1.0
+    @cached_property
+    def temperature_explains(self) -> bool:
+        """True where another temperature of a healthy machine leaves no more than the error of its laws of friction."""
+        healthy = self.found.healthy
+        law = LAW_ERROR**2 * max(self.gap**2 - 1.0, 0.0)
+        other = healthy.hypothesis.noise.conditions.temperature is not None
+        return other and healthy.rest**2 - 1.0 <= SAME_MACHINE + law
+
+    def _is_law_error(self, c: Candidate) -> bool:
+        """Return whether the effects of a hypothesis explain but the error of the laws of another temperature."""
+        return self.temperature_explains and c.hypothesis.noise.conditions.temperature is not None
 
     def usual(self, hypothesis: Hypothesis) -> float:
         """Return the probability that the residual of a hypothesis is that of a healthy machine."""
@@ -222,6 +220,7 @@ class HypothesisEvidence:
         for c, weight in zip(self.candidates, self.weights.candidates, strict=True):
             lawful = self.lawful(c) * float(not c.hypothesis.forms or self.explained(c.rest) >= HALF)
             key = self.main(c) if c.hypothesis.forms else self._key_without_effect(c)
+            key = NO_GAP if self._is_law_error(c) else key
             found[key] = found.get(key, 0.0) + weight * lawful
             found[UNKNOWN] += weight * (1.0 - lawful)
         for i, weight in zip(self.incidents, self.weights.incidents, strict=True):
@@ -229,13 +228,15 @@ class HypothesisEvidence:
             found[key] = found.get(key, 0.0) + weight
         if self.sure:
             found[NO_GAP] = 0.0
-        if self.oil is not None:
-            found[NO_GAP] += self.weights.oil * self.usual(self.oil)
-            found[UNKNOWN] += self.weights.oil * (1.0 - self.usual(self.oil))
         if not self.has_gap:
             found[NO_GAP], found[UNKNOWN] = found[NO_GAP] + found[UNKNOWN], 0.0
         whole = sum(found.values())
         return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
+
+    @staticmethod
+    def _is_transient(i: BlockIncident | Spill) -> bool:
+        """Return whether the residual is a healthy machine's although the incident is not removed."""
+        return i.before**2 - 1.0 <= SAME_MACHINE
 
     def key_of(self, i: BlockIncident | Spill) -> Key:
         """Return the answer for an incident.
@@ -243,7 +244,7 @@ class HypothesisEvidence:
         Transients whose removal does not change the residual beyond that of a healthy machine are no gap. Contact in
         most blocks is the duty cycle, not an effect.
         """
-        if i.before**2 - 1.0 <= SAME_MACHINE:
+        if self._is_transient(i):
             return NO_GAP
         working = i.key[0] == CONTACT and i.share > FEW_BLOCKS
         return i.key if not working and self.explained(i.rest) >= HALF else UNKNOWN

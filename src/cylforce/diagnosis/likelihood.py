@@ -33,6 +33,7 @@ from cylforce.diagnosis.constants import (
     PAYLOAD,
     POLYNOMIALS,
     SAME_MACHINE,
+    SECOND_EFFECT,
     TAIL,
 )
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, in_blocks, polynomials
@@ -57,6 +58,34 @@ FREE_PRECISION = (
 )
 
 
+# Conditions
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of a recording compared with those of the references.
+
+    variation:   factor on the run-to-run variation of the machine
+    temperature: factor on the change of friction at another temperature of oil and sensors; None: the same one
+    """
+
+    variation: float = 1.0
+    temperature: float | None = None
+
+    @property
+    def log_prior(self) -> float:
+        """Log prior probability: another temperature is one circumstance more."""
+        if self.temperature is None:
+            return 0.0
+        return float(np.log(SECOND_EFFECT / len(TEMPERATURES)))
+
+
+# Most machines are steadier than stated, and a weak effect shows on a steady machine only: both are as probable.
+USUAL_CONDITIONS = (Conditions(1.0), Conditions(0.5))
+# Sensors alone, oil that is a little and oil that is much colder or warmer than in the references.
+TEMPERATURES = (Conditions(temperature=0.0), Conditions(temperature=0.3), Conditions(temperature=1.0))
+
+
 # Noise of the residual
 
 
@@ -68,13 +97,13 @@ class ResidualNoise:
                  rho^2 / (1 + k)^2
     white:       (R,) v, standard deviation of the white component
     width:       (R,) factor on the spread of both between recordings (prior only)
-    variation:   factor on the run-to-run variation of the machine (of a hypothesis only)
+    conditions:  of the recording (of a hypothesis only)
     """
 
     discrepancy: Array
     white: Array
     width: Array = field(default_factory=lambda: np.ones(1))
-    variation: float = 1.0
+    conditions: Conditions = USUAL_CONDITIONS[0]
 
     @property
     def smooth_share(self) -> Array:
@@ -108,12 +137,14 @@ class ResidualNoise:
         return np.asarray(own / np.maximum(self.white**2, noise_energy)[:, None])
 
     def log_prior(self, usual: "ResidualNoise") -> float:
-        """Return the log prior density of the noise of all joints.
+        """Return the log prior density of the noise of all joints, and of its conditions.
 
         usual: noise of a healthy machine
         """
         joints = range(len(self.white))
-        return sum(float(_log_density(self.discrepancy[r], self.white[r], usual, r)) for r in joints)
+        return self.conditions.log_prior + sum(
+            float(_log_density(self.discrepancy[r], self.white[r], usual, r)) for r in joints
+        )
 
     def probability_usual(self, usual: "ResidualNoise") -> float:
         """Return the probability that the noise of all joints is a healthy machine's, and none from the tail.
@@ -700,12 +731,42 @@ class MachineKnowledge:
     covariance: (K, K) of the columns
     variation:  (K,) standard deviations of the run-to-run variation
     noise:      of the residual
+    warmth:     change at another temperature; None if that is no explanation
     """
 
     mean: Array
     covariance: Array
     variation: Array
     noise: ResidualNoise
+    warmth: "Warmth | None" = None
+
+    @property
+    def conditions(self) -> tuple[Conditions, ...]:
+        """Conditions that are tried."""
+        return USUAL_CONDITIONS if self.warmth is None else (*USUAL_CONDITIONS, *TEMPERATURES)
+
+    def under(self, conditions: Conditions) -> Array:
+        """Return the covariance (K, K) of the columns under some conditions."""
+        found = self.covariance + np.diag((conditions.variation * self.variation) ** 2)
+        if self.warmth is not None and conditions.temperature is not None:
+            found = found + self.warmth.zeros + conditions.temperature**2 * self.warmth.friction
+        return found
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """Covariance of the change of a healthy machine at another temperature, in units of the columns' typical sizes.
+
+    zeros:    (K, K) of the zeros of pressure sensors
+    friction: (K, K) of the friction with oil of a much higher or lower viscosity
+    """
+
+    zeros: Array
+    friction: Array
+
+    def padded(self, more: int) -> "Warmth":
+        """Return the change of a machine with further columns that the temperature does not change."""
+        return Warmth(*(np.pad(each, (0, more)) for each in (self.zeros, self.friction)))
 
 
 @dataclass(frozen=True)
@@ -822,18 +883,18 @@ class Likelihood:
         return float(np.sqrt(np.max(np.maximum(energy, 0.0) / np.maximum(self.gram.rows, 1.0))))
 
     @cached_property
-    def _precisions(self) -> dict[float, tuple[Array, float]]:
+    def _precisions(self) -> dict[Conditions, tuple[Array, float]]:
         return {}
 
-    def prior_precision(self, variation: float) -> tuple[Array, float]:
+    def prior_precision(self, conditions: Conditions) -> tuple[Array, float]:
         """Return the parameters' prior precision (K, K), and the log determinant of its inverse."""
-        if variation not in self._precisions:
-            whole = self.machine.covariance + np.diag((variation * self.machine.variation) ** 2 + 1e-12)
-            self._precisions[variation] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
-        return self._precisions[variation]
+        if conditions not in self._precisions:
+            whole = self.machine.under(conditions) + 1e-12 * np.eye(len(self.machine.mean))
+            self._precisions[conditions] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
+        return self._precisions[conditions]
 
     @cached_property
-    def _states(self) -> dict[tuple[bytes, bytes, float], MarginalLikelihood]:
+    def _states(self) -> dict[tuple[bytes, bytes, Conditions], MarginalLikelihood]:
         return {}
 
     def state(self, noise: ResidualNoise) -> MarginalLikelihood:
@@ -841,7 +902,7 @@ class Likelihood:
 
         The last KEPT_STATES are kept: many hypotheses share a point of the grid.
         """
-        key = noise.discrepancy.tobytes(), noise.white.tobytes(), noise.variation
+        key = noise.discrepancy.tobytes(), noise.white.tobytes(), noise.conditions
         found = self._states.pop(key, None) or self._marginal(noise)
         self._states[key] = found
         if len(self._states) > KEPT_STATES:
@@ -858,7 +919,7 @@ class Likelihood:
         shared, unsure = noise.shared(self.gram)
         score = information[:-1, -1] - shared - known @ mean
         energy = information[-1, -1] - 2.0 * mean @ information[:-1, -1] + mean @ known @ mean
-        precision, log_determinant = self.prior_precision(noise.variation)
+        precision, log_determinant = self.prior_precision(noise.conditions)
         root = _root_of(known + precision, rounding)
         lower = np.tril(dpotri(root, lower=True)[0])
         covariance = lower + np.tril(lower, -1).T
@@ -938,7 +999,7 @@ class Likelihood:
         for _ in range(ROUNDS):
             residual, before = self.under(forms, state)[2], noise
             energies = self._energies(residual, state.covariance, noise)
-            noise = replace(settled_noise(self.gram, energies, self.machine.noise), variation=before.variation)
+            noise = replace(settled_noise(self.gram, energies, self.machine.noise), conditions=before.conditions)
             if noise.same_as(before):
                 break
             state = self.state(noise)
@@ -972,8 +1033,8 @@ class Likelihood:
         return self.hypothesis(forms, base.noise, self.doubt(forms, base))
 
     def likeliest(self, forms: Sequence[int], noise: ResidualNoise, doubt: float | None = None) -> Hypothesis:
-        """Return a hypothesis with its most probable run-to-run variation."""
-        each = [self.hypothesis(forms, replace(noise, variation=share), doubt) for share in VARIATIONS]
+        """Return a hypothesis with its most probable conditions."""
+        each = [self.hypothesis(forms, replace(noise, conditions=c), doubt) for c in self.machine.conditions]
         return max(each, key=lambda h: h.log)
 
     def rests(self, residual: Array, noise: ResidualNoise | None = None) -> Array:
@@ -996,8 +1057,3 @@ def _root_of(matrix: Array, rounding: Array) -> Array:
         except np.linalg.LinAlgError:
             rounding = 10.0 * rounding
     return np.asarray(np.linalg.cholesky(matrix + rounding))
-
-
-# Factors on the run-to-run variation, each as probable: most machines are steadier than stated, and a weak effect shows
-# on a steady machine only.
-VARIATIONS = (1.0, 0.5)

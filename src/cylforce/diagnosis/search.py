@@ -18,15 +18,16 @@ from cylforce.diagnosis.constants import (
     INCIDENT,
     INCIDENT_SIZES,
     OIL_CHANGE,
+    OWN_OIL_CHANGE,
     PAYLOAD,
     POLYNOMIALS,
     SAME_MACHINE,
     SECOND_EFFECT,
     SPILL,
+    THERMAL_ZERO,
 )
 from cylforce.diagnosis.likelihood import (
     FREE_PRECISION,
-    VARIATIONS,
     Form,
     FreeStretch,
     Hypothesis,
@@ -36,6 +37,7 @@ from cylforce.diagnosis.likelihood import (
     MarginalLikelihood,
     Nuisance,
     Payload,
+    Warmth,
     effective_share,
     free_stretches,
     likeliest_noise,
@@ -149,7 +151,6 @@ class FieldQuestion:
     jumps:   evidence [nats] of the number of jumps of a reading, by its signal
     zeros:   readings of pressure sensors without pressure, by their signals
     free:    whether the model's parameters are free, because they may be another machine's
-    oil:     whether the oil may have another temperature than in the references
     refined: an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
@@ -163,7 +164,6 @@ class FieldQuestion:
     jumps: Mapping[int, float] = field(default_factory=dict)
     zeros: Mapping[int, Zero] = field(default_factory=dict)
     free: bool = False
-    oil: bool = False
     refined: Refined | None = None
 
     @cached_property
@@ -301,28 +301,36 @@ class FieldQuestion:
         if self.free:
             count = len(self.machine.regressors.parameters)
             covariance[:count, :count] += np.eye(count)
-        if self.oil:
-            covariance[: len(own.mean), : len(own.mean)] += np.diag(np.square(self.oil_change))
         for k in range(CENTRE * len(self.loaded)):
             covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
         pad = np.zeros(more)
-        return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise)
+        warmth = None
+        if not self.free and self.machine.source is not KnowledgeSource.DATA_SHEET:
+            warmth = self.warmth.padded(more)
+        return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise, warmth)
 
     @cached_property
-    def oil_change(self) -> Array:
-        """Standard deviations (K,) of the friction parameters when the oil has another temperature, in typical sizes.
+    def warmth(self) -> Warmth:
+        """Change of the healthy machine at another temperature, in typical sizes of the columns.
 
-        The magnitude of a law is known better for all cylinders together than for one: it is divided by piston area.
+        The friction of all cylinders changes together, and each a little by itself. The magnitude of a law is known
+        better for all cylinders together than for one: it is divided by piston area.
         """
-        regressors, found = self.machine.regressors, np.zeros(self.machine.layout.size)
+        regressors, unit = self.machine.regressors, self.machine.layout.unit
         values = regressors.parameters + self.machine.values[: len(regressors.parameters)]
         areas = {c.name: c.area_head for c in regressors.model.machine.cylinders}
-        for law, change in OIL_CHANGE.items():
+        friction, zeros = np.zeros((len(unit), len(unit))), np.zeros(len(unit))
+        for law, relative in OIL_CHANGE.items():
             area = {k: areas[p.name.rpartition(".")[0]] for k, p in _named(regressors.model, law)}
-            magnitude = sum(abs(float(values[k])) for k in area)
+            magnitude, change = sum(abs(float(values[k])) for k in area), np.zeros(len(unit))
             for k, own in area.items():
-                found[k] = change * magnitude * own / sum(area.values()) / self.unit[k]
-        return found
+                change[k] = relative * magnitude * own / sum(area.values()) / unit[k]
+            friction += np.outer(change, change) * float(law != "directional")
+            friction += np.diag(np.square(OWN_OIL_CHANGE * change))
+        for p, columns in zip(self.machine.layout.proposals, self.machine.layout.places, strict=True):
+            if p.name == OFFSET:
+                zeros[list(columns)] = THERMAL_ZERO / unit[list(columns)]
+        return Warmth(np.diag(np.square(zeros)), friction)
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
         """Return the likelihood of the recordings, or of some of their blocks (B,)."""
@@ -338,7 +346,8 @@ class FieldQuestion:
             covariance = np.zeros((len(unit), len(unit)))
             covariance[: self.size, : self.size] = knowledge.covariance
             mean, variation = np.append(knowledge.mean, zero), np.append(knowledge.variation, zero)
-            knowledge = MachineKnowledge(mean, covariance, variation, knowledge.noise)
+            warmth = knowledge.warmth and knowledge.warmth.padded(len(zero))
+            knowledge = MachineKnowledge(mean, covariance, variation, knowledge.noise, warmth)
         return Likelihood(
             gram, unit, self.forms, knowledge, corrected=self.applied, support=self.evidence_for, apart=self.apart
         )
@@ -525,7 +534,7 @@ def _energy_of(parts: Sequence[SharedNoise]) -> Array:
 
 def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
     """Return hypotheses with more and more effects, while one more is worth its prior probability."""
-    beam = [case.hypothesis((), replace(case.machine.noise, variation=share)) for share in VARIATIONS]
+    beam = _without_effects(case)
     found: dict[tuple[int, ...], Hypothesis] = {(): max(beam, key=lambda h: h.log)}
     worth = -float(np.log(SECOND_EFFECT * (1.0 - HEALTHY - UNKNOWN_EFFECT) / max(len(wanted), 1)))
     for _ in range(DEEPEST):
@@ -549,6 +558,14 @@ def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
     return list(found.values())
 
 
+def _without_effects(case: Likelihood) -> list[Hypothesis]:
+    """Return hypotheses of a healthy machine: one for each usual condition, the likeliest of another temperature."""
+    each = [case.hypothesis((), replace(case.machine.noise, conditions=c)) for c in case.machine.conditions]
+    usual = [h for h in each if h.noise.conditions.temperature is None]
+    other = [h for h in each if h.noise.conditions.temperature is not None]
+    return [*usual, *sorted(other, key=lambda h: -h.log)[:1]]
+
+
 def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[int]:
     """Return forms to be added to a hypothesis, the most promising first, each with its most probable noise."""
     state, named = case.state(base.noise), {case.forms[p].key for p in base.forms}
@@ -560,7 +577,7 @@ def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[
         return sorted(free, key=lambda p: case.doubt(each[p], base) - case.under(each[p], state)[0])
     residuals, shift = _with_each(case, base.forms, free, state)
     _, log = likeliest_noise(case.gram, *case.gram.certain_energies(residuals), case.machine.noise)
-    log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.prior_precision(base.noise.variation)[0])
+    log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.prior_precision(base.noise.conditions)[0])
     return [free[k] for k in np.argsort(-log).tolist()]
 
 
@@ -605,7 +622,7 @@ class BlockIncident:
     sizes:    (B,) its typical size in each block, 0 where it is absent
     log:      log probability of the recordings with it, its blocks' prior included
     rest:     residual at the worst joint with it, in noise floors
-    before:   residual at the worst joint without it, in noise floors
+    before:   residual at the worst joint if its torque is not removed, in noise floors; all else is as fitted with it
     nuisance: the nuisance of its blocks
     """
 
@@ -655,9 +672,10 @@ def incidents(
                 break
             sizes = now
         own = whole.sized(sizes)
-        h = replace(case, nuisance=own).likeliest(forms, noise, doubt)
+        held = replace(case, nuisance=own)
+        h = held.likeliest(forms, noise, doubt)
         key = UNKNOWN if p.name == UNKNOWN_TORQUE else (p.name, p.at)
-        before = beside.rest if beside else float(np.max(case.rests(residual)))
+        before = float(np.max(case.rests(held.under(forms, held.state(h.noise))[2])))
         found.append(BlockIncident(key, p, sizes, h.log + log_prior_of_blocks(sizes > 0.0), h.rest, before, own))
     return found
 
@@ -967,38 +985,6 @@ def _named(model: Model, law: str) -> Iterator[tuple[int, Parameter]]:
     for k, parameter in enumerate(model.parameters):
         if parameter.name.rpartition(".")[2] == law:
             yield k, parameter
-
-
-def with_other_oil(found: Found) -> Hypothesis | None:
-    """Return the hypothesis of a healthy machine whose oil has another temperature; None if that is no answer.
-
-    Oil changes the friction of all cylinders in the same direction, and so at least two joints have a gap.
-    """
-    question = found.question
-    if found.work is not None or question.free or question.machine.source is KnowledgeSource.DATA_SHEET:
-        return None
-    if np.count_nonzero(~without_gap(found.gaps)) < 2:
-        return None
-    case = replace(question, oil=True).likelihood()
-    hypothesis = case.likeliest((), case.machine.noise)
-    changes = _friction_at_usual_speed(question, case.state(hypothesis.noise).fitted * question.unit)
-    return hypothesis if np.all(changes > 0.0) or np.all(changes < 0.0) else None
-
-
-def _friction_at_usual_speed(question: FieldQuestion, changes: Array) -> Array:
-    """Return the change of the friction (C,) [N] of the cylinders at their rms speed.
-
-    changes: (K',) changes of the columns' sizes [SI]
-    """
-    model = question.machine.regressors.model
-    speed = np.sqrt(np.nanmean(np.square(np.concatenate([s.rows.speed for s in question.seen])), axis=0))
-    number = {cylinder.name: c for c, cylinder in enumerate(model.machine.cylinders)}
-    found = np.zeros(len(number))
-    for law, factor in (("viscous", speed), ("coulomb", np.ones(len(number)))):  # F = viscous v + coulomb
-        for k, parameter in _named(model, law):
-            c = number[parameter.name.rpartition(".")[0]]
-            found[c] += float(changes[k] * factor[c])
-    return found
 
 
 def examined(

@@ -166,7 +166,7 @@ class _GapRun:
         whole["next_experiment"] = [*before_anything(whole), *sentences(plan), *whole["next_experiment"]]
         beside = happening_beside(loaded.service.machine, *_beside(found))
         clocks = apart(late) if late else ""
-        oil = OTHER_OIL if found.other_oil else ""
+        oil = OTHER_OIL if found.other_temperature else ""
         texts = [*warnings, *known.warnings, *zeros.warnings, *found.refuted, oil, beside, clocks]
         texts += _reading_warnings(loaded, groups)
         return Diagnosed(whole | {"warnings": [text for text in texts if text]}, found, plan=plan)

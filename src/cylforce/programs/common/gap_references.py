@@ -55,8 +55,8 @@ def alike(
     kept = [each for each in kept if each.name not in unlike]
     working = seen.at_work(names_of(kept))
     warnings += [
-        f"{name} shows contact or unknown loads in {100.0 * seen.work_share[name]:.0f} % of its motion: left out beside "
-        "the other references, which show the machine without them"
+        f"{name} shows contact or unknown loads in {100.0 * seen.work_share[name]:.0f} % of its motion: left out "
+        "beside the other references, which show the machine without them"
         for name in working
     ]
     kept = [each for each in kept if each.name not in working]
