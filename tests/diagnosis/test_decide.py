@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.constants import CORRELATED_ROWS, FEW_BLOCKS, SAME_EVIDENCE, SAME_MACHINE
+from cylforce.diagnosis.constants import CORRELATED_ROWS, FEW_BLOCKS, SAME_EVIDENCE, SAME_MACHINE, SECOND_EFFECT
 from cylforce.diagnosis.decide import HypothesisEvidence, Verdict, as_simulated, costs, first_effect, one_answer
-from cylforce.diagnosis.likelihood import Form, Hypothesis, ResidualNoise
+from cylforce.diagnosis.likelihood import TEMPERATURES, USUAL_CONDITIONS, Conditions, Form, Hypothesis, ResidualNoise
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN, BlockIncident, Candidate, Found
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.readings.constants import HEALTHY, UNKNOWN_EFFECT
@@ -81,20 +81,27 @@ def test_the_main_effect_is_the_one_without_which_most_is_lost():
     assert found.best_of(OTHER) is found.candidates[3]
 
 
+COLDER = replace(NOISE, conditions=Conditions(temperature=1.0))
+
+
 @pytest.mark.parametrize(
-    ("log", "noise", "first"),
+    ("rest", "first"),
     [
-        (60.0, NOISE, NO_GAP),  # likelier than any effect, and the residual is a healthy one
-        (60.0, LOUD, UNKNOWN),  # likelier than any effect, but it leaves what no healthy machine shows
-        (30.0, NOISE, MASS),
+        (1.0, NO_GAP),
+        (1.6, NO_GAP),  # the error of the laws of friction: a fifth of the gap of five floors
+        (2.5, OTHER),
     ],
 )
-def test_oil_of_another_temperature_competes_as_every_hypothesis(log, noise, first):
-    oil = candidate(log, rest=1.0, noise=noise).hypothesis
-    found = evidence(candidate(40.0, 0), oil=oil, sure=True)
-    assert found.first == first
-    assert found.oil_is_likeliest == (log > 40.0)
-    assert sum(found.posterior.values()) == pytest.approx(1.0)
+def test_an_effect_beside_another_temperature_must_exceed_the_error_of_the_laws_of_friction(rest, first):
+    colder = candidate(60.0, rest=rest, noise=COLDER)
+    assert evidence(candidate(90.0, 2, noise=COLDER), healthy=colder).first == first
+    assert evidence(candidate(90.0, 2), healthy=colder).first == OTHER  # at the same temperature it stays
+
+
+def test_another_temperature_costs_the_prior_of_one_circumstance_more():
+    assert sum(np.exp(c.log_prior) for c in TEMPERATURES) == pytest.approx(SECOND_EFFECT)
+    assert all(c.log_prior == 0.0 for c in USUAL_CONDITIONS)
+    assert COLDER.log_prior(NOISE) - NOISE.log_prior(NOISE) == pytest.approx(TEMPERATURES[0].log_prior)
 
 
 def test_evidence_counts_less_beside_a_residual_that_nothing_explains():

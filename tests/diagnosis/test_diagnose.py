@@ -45,8 +45,15 @@ def test_oil_of_another_temperature_is_no_fault():
     colder = tuple(effect(*key, size) for key, size in sizes.items())
     found = diagnosed((FIELD, colder))
     assert (found.verdict, names(found)) == (Verdict.NO_GAP, [])
-    assert found.other_oil
-    assert not diagnosed((FIELD, ())).other_oil
+    assert found.other_temperature
+    assert not diagnosed((FIELD, ())).other_temperature
+
+
+def test_zeros_of_all_pressure_sensors_at_another_temperature_are_no_fault():
+    sensors = ("stick_head_pressure", "stick_rod_pressure", "bucket_head_pressure", "bucket_rod_pressure")
+    zeros = zip(sensors, (0.4e5, -0.3e5, -0.5e5, 0.4e5), strict=True)
+    found = diagnosed((FIELD, tuple(effect("pressure_offset", at, size) for at, size in zeros)))
+    assert (found.verdict, names(found)) == (Verdict.NO_GAP, [])
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f"{f.group[0].about.name}@{f.at}")

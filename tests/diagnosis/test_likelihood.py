@@ -12,12 +12,14 @@ from cylforce.diagnosis.constants import CARRY_BACK, CORRELATED_ROWS, INCIDENT, 
 from cylforce.diagnosis.likelihood import (
     DECAY,
     LEVELS,
+    Conditions,
     Form,
     Likelihood,
     MachineKnowledge,
     Nuisance,
     Payload,
     ResidualNoise,
+    Warmth,
     effective_share,
     free_stretches,
     largest_discrepancy,
@@ -102,9 +104,19 @@ def test_run_to_run_variation_widens_what_is_known_of_the_parameters():
     variation = np.array([0.0, 0.4, 0.0, 0.0, 0.2])
     case = of_five(found, replace(machine, variation=variation))
     for times in (1.0, 0.5):
-        log = case.state(replace(NOISE, variation=times)).log
+        log = case.state(replace(NOISE, conditions=Conditions(times))).log
         wide = FIVE + np.diag((times * variation) ** 2)
         assert log == pytest.approx(brute_force(found, MEAN, wide, NOISE), abs=0.02)
+
+
+def test_another_temperature_widens_what_is_known_of_friction_and_of_the_zeros_of_pressure_sensors():
+    found, machine = five_columns(3)
+    zeros, friction = np.diag([0.0, 0.0, 0.3, 0.0, 0.0]) ** 2, np.outer(*[[0.5, 0.4, 0.0, 0.0, 0.0]] * 2)
+    case = of_five(found, replace(machine, warmth=Warmth(zeros, friction)))
+    for part in (0.0, 0.3, 1.0):
+        log = case.state(replace(NOISE, conditions=Conditions(temperature=part))).log
+        assert log == pytest.approx(brute_force(found, MEAN, FIVE + zeros + part**2 * friction, NOISE), abs=0.02)
+    assert case.state(NOISE).log == pytest.approx(brute_force(found, MEAN, FIVE, NOISE), abs=0.02)
 
 
 TIP = np.stack([np.linspace(1.0, 2.0, BLOCK_ROWS), -0.5 * np.linspace(1.0, 2.0, BLOCK_ROWS)], axis=-1)

@@ -151,6 +151,7 @@ class FieldQuestion:
     jumps:   evidence [nats] of the number of jumps of a reading, by its signal
     zeros:   readings of pressure sensors without pressure, by their signals
     free:    whether the model's parameters are free, because they may be another machine's
+    as_warm: whether oil and sensors are certainly as warm as in the references
     refined: an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
@@ -164,6 +165,7 @@ class FieldQuestion:
     jumps: Mapping[int, float] = field(default_factory=dict)
     zeros: Mapping[int, Zero] = field(default_factory=dict)
     free: bool = False
+    as_warm: bool = False
     refined: Refined | None = None
 
     @cached_property
@@ -305,7 +307,7 @@ class FieldQuestion:
             covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
         pad = np.zeros(more)
         warmth = None
-        if not self.free and self.machine.source is not KnowledgeSource.DATA_SHEET:
+        if not self.as_warm and not self.free and self.machine.source is not KnowledgeSource.DATA_SHEET:
             warmth = self.warmth.padded(more)
         return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise, warmth)
 
@@ -1001,6 +1003,9 @@ def examined(
     watch("hypotheses")
     case = question.likelihood()
     gaps = case.rests(question.plain)
+    if np.count_nonzero(~without_gap(gaps)) < 2:  # the temperature changes every cylinder and its sensors
+        question = replace(question, as_warm=True)
+        case = question.likelihood()
     step = changed_load(question, case)
     if step:
         question = replace(question, step=step)
