@@ -41,9 +41,9 @@ from cylforce.settings.machine_file import Loaded
 
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 CLOCKS = ClockEffect().about.name
-OTHER_OIL = (
-    "the friction of all cylinders differs from the references, as with oil of another temperature: nothing is named; "
-    "if the oil was as warm as then, record again and have the cylinders looked at"
+OTHER_TEMPERATURE = (
+    "friction of the cylinders and zeros of the pressure sensors differ from the references, as at another temperature "
+    "of oil and sensors: nothing is named; if the oil was as warm as then, have cylinders and sensors looked at"
 )
 STEPS = 9  # of a diagnosis after reading its recordings, each of which is one more
 
@@ -166,8 +166,8 @@ class _GapRun:
         whole["next_experiment"] = [*before_anything(whole), *sentences(plan), *whole["next_experiment"]]
         beside = happening_beside(loaded.service.machine, *_beside(found))
         clocks = apart(late) if late else ""
-        oil = OTHER_OIL if found.other_temperature else ""
-        texts = [*warnings, *known.warnings, *zeros.warnings, *found.refuted, oil, beside, clocks]
+        colder = OTHER_TEMPERATURE if found.other_temperature else ""
+        texts = [*warnings, *known.warnings, *zeros.warnings, *found.refuted, colder, beside, clocks]
         texts += _reading_warnings(loaded, groups)
         return Diagnosed(whole | {"warnings": [text for text in texts if text]}, found, plan=plan)
 
