@@ -8,6 +8,7 @@ import pytest
 from hypothesis import settings
 
 import cylforce  # before any test imports numpy: it sets the number of BLAS threads
+from wheels import built_wheel
 
 # A busy machine makes no test fail, nor does chance: the examples are the same in every run.
 settings.register_profile("cylforce", deadline=None, derandomize=True)
@@ -51,6 +52,13 @@ def shared(request):
     if not (folder / "data").is_dir():
         pytest.skip(f"{ABSENT}{folder / 'data'} is absent (--shared PATH says where it is)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory):
+    """The wheel as it would be published, the same for all processes of the run."""
+    own = tmp_path_factory.getbasetemp()
+    return built_wheel(own.parent if "PYTEST_XDIST_WORKER" in os.environ else own)
 
 
 @pytest.fixture(scope="session", autouse=True)
