@@ -341,11 +341,10 @@ def test_a_second_service_is_refused(path):
     open_reading(path).close()
 
 
-def test_handing_over_costs_next_to_nothing_while_the_disk_stalls(path, monkeypatch):
+def test_handing_over_costs_next_to_nothing_while_the_disk_stalls(path):
     """Another program holds the database until 500 of them are handed over: none of them waits for it. A busy machine
     may take longer to write them afterwards than an end of the service waits."""
-    monkeypatch.setattr("cylforce.records.recorder.CLOSE_S", 120.0)
-    recorder = Recorder(path, START)
+    recorder = Recorder(path, START, close_s=120.0)
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         kept = recorder.kept
