@@ -8,7 +8,6 @@ import pytest
 from hypothesis import settings
 
 import cylforce  # before any test imports numpy: it sets the number of BLAS threads
-from wheels import built_wheel
 
 # A busy machine makes no test fail, nor does chance: the examples are the same in every run.
 settings.register_profile("cylforce", deadline=None, derandomize=True)
@@ -57,6 +56,8 @@ def shared(request):
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory):
     """The wheel as it would be published, the same for all processes of the run."""
+    from wheels import built_wheel  # here, because a test runs this file alone in another folder
+
     own = tmp_path_factory.getbasetemp()
     return built_wheel(own.parent if "PYTEST_XDIST_WORKER" in os.environ else own)
 
