@@ -36,6 +36,12 @@ rated_payload_kg = 1300
 """
 
 
+def at_rate(loaded, rate_hz):
+    """The machine with sensors that are read, and a service that steps, at another rate [Hz]."""
+    service = loaded.service
+    return loaded._replace(service=service._replace(filters=service.filters.at(rate_hz)))
+
+
 def moved(loaded, seed=SEED, seconds=60.0):
     """Samples (T, S) of the empty machine's moves, the caller's own."""
     return _moved(loaded, seed, seconds).copy()
