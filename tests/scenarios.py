@@ -24,6 +24,7 @@ from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 EXCAVATOR = CONFIG / "excavator_20t.toml"
+SMALL = CONFIG / "excavator_stick_bucket.toml"  # two cylinders: a quarter of the corrections, half of the parameters
 SEED = 3
 GRAB = """
 [[attachments]]

@@ -48,7 +48,7 @@ def made(request, tmp_path_factory):
     """(machine file, recording, identified.toml, report) as the command line makes them."""
     folder = tmp_path_factory.mktemp("report")
     recording, identified, html = moved(folder, request.param), folder / "identified.toml", folder / "report.html"
-    command = ["identify", request.param, recording, "-o", identified, "--report", html]
+    command = ["identify", request.param, recording, "-o", identified, "--report", html, "--no-statistics"]
     done = CliRunner().invoke(app, list(map(str, command)))
     assert done.exit_code == 0, done.output
     return request.param, recording, identified, html
