@@ -302,16 +302,15 @@ def test_a_full_disk_stops_the_records_only(path):
     assert told == [recorder.failure]
 
 
-def test_the_first_change_that_cannot_be_written_ends_the_records_with_its_reason(path, monkeypatch):
-    def fail(*_):
-        raise sqlite3.OperationalError("disk I/O error")
-
+def test_the_first_change_that_cannot_be_written_ends_the_records_with_its_reason(path):
+    """Another program has taken the table away."""
     told = []
     recorder = Recorder(path, START, told.append)
-    monkeypatch.setattr(recorder, "_write", fail)
+    with closing(sqlite3.connect(path)) as other:
+        other.execute("DROP TABLE bookings")
     recorder.put(booked(recorder.kept, 10.0))
     recorder.close()
-    assert "(disk I/O error)" in recorder.failure
+    assert "(no such table: bookings)" in recorder.failure
     assert told == [recorder.failure]
     recorder.put(booked(recorder.kept, 10.0))
     assert told == [recorder.failure]
