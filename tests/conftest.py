@@ -16,16 +16,22 @@ ROOT = Path(__file__).resolve().parents[1]
 ABSENT = "no shared data: "
 # The files that take longest, longest first: they are begun first, so that two processes end at about the same time.
 LONGEST = (
-    "test_refusals.py",
-    "test_unexplained.py",
-    "test_step.py",
-    "test_crane.py",
     "test_wheel.py",
-    "test_guidance.py",
-    "test_crane_gap.py",
+    "test_fleet_program.py",
+    "test_refusals.py",
+    "test_diagnose.py",
+    "test_unexplained.py",
     "test_identification.py",
+    "test_guidance.py",
+    "test_reference_machine.py",
+    "test_checkup.py",
     "test_gap.py",
-    "test_fuzz.py",
+    "test_own_effect.py",
+    "test_gap_first_use.py",
+    "test_crane.py",
+    "test_gap_input.py",
+    "test_more_data.py",
+    "test_step.py",
 )
 
 
