@@ -16,16 +16,22 @@ ROOT = Path(__file__).resolve().parents[1]
 ABSENT = "no shared data: "
 # The files that take longest, longest first: they are begun first, so that two processes end at about the same time.
 LONGEST = (
-    "test_refusals.py",
-    "test_unexplained.py",
-    "test_step.py",
-    "test_crane.py",
     "test_wheel.py",
-    "test_guidance.py",
-    "test_crane_gap.py",
+    "test_fleet_program.py",
+    "test_refusals.py",
+    "test_diagnose.py",
+    "test_unexplained.py",
     "test_identification.py",
+    "test_guidance.py",
+    "test_reference_machine.py",
+    "test_checkup.py",
     "test_gap.py",
-    "test_fuzz.py",
+    "test_own_effect.py",
+    "test_gap_first_use.py",
+    "test_crane.py",
+    "test_gap_input.py",
+    "test_more_data.py",
+    "test_step.py",
 )
 
 
@@ -51,6 +57,15 @@ def shared(request):
     if not (folder / "data").is_dir():
         pytest.skip(f"{ABSENT}{folder / 'data'} is absent (--shared PATH says where it is)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory):
+    """The wheel as it would be published, the same for all processes of the run."""
+    from wheels import built_wheel  # here, because a test runs this file alone in another folder
+
+    own = tmp_path_factory.getbasetemp()
+    return built_wheel(own.parent if "PYTEST_XDIST_WORKER" in os.environ else own)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,6 +1,7 @@
 """Simulated machines at work as lists of events, for tests that then spoil those events."""
 
 import struct
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from cylforce.simulation.trajectory import JointCourse, Move, Phase, Scene
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 EXCAVATOR = CONFIG / "excavator_20t.toml"
+SMALL = CONFIG / "excavator_stick_bucket.toml"  # two cylinders: a quarter of the corrections, half of the parameters
 SEED = 3
 GRAB = """
 [[attachments]]
@@ -35,14 +37,34 @@ rated_payload_kg = 1300
 """
 
 
+def at_rate(loaded, rate_hz):
+    """The machine with sensors that are read, and a service that steps, at another rate [Hz]."""
+    service = loaded.service
+    return loaded._replace(service=service._replace(filters=service.filters.at(rate_hz)))
+
+
 def moved(loaded, seed=SEED, seconds=60.0):
-    """Samples (T, S) of the empty machine's moves."""
+    """Samples (T, S) of the empty machine's moves, the caller's own."""
+    return _moved(loaded, seed, seconds).copy()
+
+
+@lru_cache(8)
+def _moved(loaded, seed, seconds):
     return np.concatenate([r.values for r in prepare(loaded, "moves", seed, 0.1, amount=seconds).records])
 
 
 def identified(loaded, seed=SEED, seconds=60.0):
     """Tares from such moves, with the common scale of the pressures known as after a lift of a known weight."""
-    return identify(model_of(loaded), [moved(loaded, seed, seconds)]).tares._replace(common_error=0.0)
+    return _identified(loaded, seed, seconds)
+
+
+@lru_cache(32)
+def _identified(loaded, seed, seconds):
+    """Identified once for all tests of a process: none of them changes the tares' arrays."""
+    tares = identify(model_of(loaded), [_moved(loaded, seed, seconds)]).tares._replace(common_error=0.0)
+    for array in (tares.values, tares.covariance, tares.row_error):
+        array.flags.writeable = False
+    return tares
 
 
 def cycles(loaded, seed=SEED, count=2):

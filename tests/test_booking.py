@@ -6,36 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import bookkeeping
+from bookkeeping import RATED, bookings, changed, constants
 from cylforce.estimation.model import Tares
 from cylforce.estimation.recursive import known, solution, update
 from cylforce.estimation.residual import GOOD_ENOUGH
-from cylforce.service.booking import BookingConstants, Bookings, Weighed, difference
+from cylforce.service.booking import Bookings, Weighed, difference
 from cylforce.service.loading.lift import Lift, Look
 from cylforce.service.spill import change, changed_at, information
 from weighing.score import class_y_b, inside
 
-RATED = 1500.0
 STILL = SimpleNamespace(values=np.zeros(2), covariance=np.diag([4.0, 1.0]))
 
 
-def bookings(given, **state):
-    """The booking of a machine with these tares, in a state."""
-    found = Bookings.start(BookingConstants(given, RATED, 100.0))
-    for name, value in state.items():
-        setattr(found, name, value)
-    return found
-
-
-def changed(before, change):
-    """A copy that `change` has changed."""
-    found = Bookings.start(before.constants)
-    found.restore(before.snapshot())
-    change(found)
-    return found
-
-
 def noted(books, weight, t, drift=STILL):
-    return changed(books, lambda found: found.update(weight, t, drift))
+    return bookkeeping.noted(books, weight, t, drift)
 
 
 def parted(books):
@@ -51,7 +36,7 @@ def unseen(books):
 
 
 def error(weight, given, drift):
-    return BookingConstants(given, RATED, 100.0).error(weight, drift)
+    return constants(given).error(weight, drift)
 
 
 def tares(scale_error=0.0, spread=0.0, common_error=0.0):

@@ -135,7 +135,7 @@ def test_a_loaded_bucket_ends_it(collector):
             break
     assert view.instruction.startswith("the bucket is not empty")
     with pytest.raises(ValueError, match="the bucket is not empty"):
-        commission._check_outcome(GUIDE, view)
+        commission.check_outcome(GUIDE, view)
 
 
 def test_a_silent_node_is_named_within_seconds(collector):
@@ -155,12 +155,11 @@ def test_zero_is_refused_while_nothing_is_weighed(collector):
     assert collector.taker.on_frame(frame).verdict == 0x08000022
 
 
-def test_a_bus_without_sensors_is_given_up(monkeypatch, tmp_path):
-    monkeypatch.setattr(commission, "GIVE_UP_S", 4.0)
+def test_a_bus_without_sensors_is_given_up(tmp_path):
     out = io.StringIO()
     said = r"nothing can be measured: .*silent, check its power, cable"
     with Relay() as relay:
-        order = Order(relay.name, tmp_path / "o.toml", tmp_path / "o.log")
+        order = Order(relay.name, tmp_path / "o.toml", tmp_path / "o.log", give_up_s=4.0)
         with pytest.raises(BusError, match=said):
             run_commission(LOADED, order, Console(file=out, width=100))
     told = out.getvalue()

@@ -6,11 +6,11 @@ from itertools import pairwise
 
 import pytest
 
-from cylforce.canopen import startup as commissioning
 from cylforce.canopen.devices import sensor_node
 from cylforce.canopen.heartbeat import Heartbeats
 from cylforce.canopen.network import Network
-from cylforce.canopen.startup import Commissioner, Stage
+from cylforce.canopen.sdo_client import TIMEOUT_S
+from cylforce.canopen.startup import FIRST_DELAY_S, LAST_DELAY_S, Commissioner, Stage
 from cylforce.mechanics.installation import SensorNode
 from cylforce.signals.events import Frame
 from cylforce.signals.layout import Field, Pdo
@@ -89,12 +89,6 @@ def play(world, scenario):
         clock.cancel()
 
     run_virtually(main())
-
-
-@pytest.fixture(autouse=True)
-def short_times(monkeypatch):
-    monkeypatch.setattr(commissioning, "FIRST_DELAY_S", 0.02)
-    monkeypatch.setattr(commissioning, "TIMEOUT_S", 0.1)
 
 
 def test_all_send_what_is_wanted():
@@ -265,8 +259,7 @@ def test_a_node_that_does_not_start_is_told():
     assert [data for can_id, data in world.frames if can_id == 0][:3] == [b"\x01\x0b"] * 3
 
 
-def test_attempts_become_rarer(monkeypatch):
-    monkeypatch.setattr(commissioning, "LAST_DELAY_S", 0.1)
+def test_attempts_become_rarer():
     world = World([pressures(11)])
     world.dead.add(11)
     times = []
@@ -278,10 +271,11 @@ def test_attempts_become_rarer(monkeypatch):
         return to_server(can_id, data)
 
     world.client.send = timed
-    play(world, lambda world: until(lambda: len(times) == 5))
+    play(world, lambda world: until(lambda: len(times) == 8))
     gaps = [b - a for a, b in pairwise(times)]
-    assert gaps[-1] > gaps[0] + 0.05
-    assert max(gaps) < 0.1 + 0.1 + 0.1
+    assert gaps[0] < TIMEOUT_S + FIRST_DELAY_S + 0.1
+    assert gaps[-1] > TIMEOUT_S + LAST_DELAY_S - 0.1
+    assert max(gaps) < TIMEOUT_S + LAST_DELAY_S + 0.1
 
 
 def test_an_old_encoder_has_its_timer_elsewhere():

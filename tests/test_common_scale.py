@@ -22,10 +22,10 @@ from cylforce.service.weighing import LoadConstants, LoadEstimator
 from cylforce.settings.identified import identified_warnings, read_identified, seal_again, write_identified
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
-from scenarios import EXCAVATOR, moved
+from scenarios import SMALL, moved
 from test_known_load import KNOWN_KG, lifted
 
-LOADED = load(EXCAVATOR)
+LOADED = load(SMALL)
 MODEL = model_of(LOADED)
 
 

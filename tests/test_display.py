@@ -17,14 +17,13 @@ from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po
 
 from cylforce.can.opening import open_bus
-from cylforce.display import stream
 from cylforce.display.app import STATIC, PageSources, application
 from cylforce.display.guard import LOCKED_US, TRIES, Guard
 from cylforce.display.listener import LATE_US, Listener
 from cylforce.display.panel import Loading, Panel, TruckState, command_request
 from cylforce.display.picture import SILENT, Marks, Painter
 from cylforce.display.serving import Display, Served
-from cylforce.display.stream import Feed
+from cylforce.display.stream import PATIENCE_S, Feed
 from cylforce.display.words import FOLDER, PAGE, REASONS, catalogue, languages, messages, page_words
 from cylforce.programs import scale
 from cylforce.programs.common.addresses import host_and_port
@@ -307,9 +306,8 @@ def test_without_records_the_page_says_so():
     assert (answer.status_code, answer.json()) == (404, {"records": False})
 
 
-def test_a_client_that_never_reads_delays_nobody(monkeypatch):
+def test_a_client_that_never_reads_delays_nobody():
     """One takes nothing: the other gets every event, and the first is let go."""
-    monkeypatch.setattr(stream, "PATIENCE_S", 0.3)
 
     async def main():
         channel, got, stuck = Feed(lambda: {"n": len(got)}), [], asyncio.Event()
@@ -329,7 +327,7 @@ def test_a_client_that_never_reads_delays_nobody(monkeypatch):
         await asyncio.sleep(0)
         for _ in range(20):
             channel.renew()
-            await asyncio.sleep(0.03)
+            await asyncio.sleep(0.1 * PATIENCE_S)
         clients = channel.clients
         channel.close()
         await asyncio.wait_for(asyncio.gather(*tasks), 1.0)
@@ -340,9 +338,24 @@ def test_a_client_that_never_reads_delays_nobody(monkeypatch):
     assert clients == 1
 
 
-def test_the_65th_page_is_refused(monkeypatch):
-    monkeypatch.setattr(stream, "MOST", 0)
-    assert Web().ask("GET", "/stream/work").status_code == 503
+def test_the_65th_page_is_refused():
+    async def main():
+        channel, answers = Feed(dict), []
+
+        async def take(message):
+            if message["type"] == "http.response.start":
+                answers.append(message["status"])
+
+        async def receive():
+            await asyncio.Event().wait()
+
+        tasks = [asyncio.create_task(channel({}, receive, take)) for _ in range(65)]
+        await asyncio.sleep(0.1)
+        channel.close()
+        await asyncio.gather(*tasks)
+        return answers
+
+    assert run_virtually(main()) == [200] * 64 + [503]
 
 
 CALLS = (r"\b(?:t|translate)\(['\"]([^'\"]+)['\"]\)", r'data-t="([^"]+)"', r'massed\("\w+", "([^"]+)"')

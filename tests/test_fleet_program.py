@@ -18,7 +18,7 @@ from cylforce.files.recording import open_pieces, sensor_frames
 from cylforce.fleet.changes import Shape
 from cylforce.programs.common.usual_file import everyday_from, everyday_of, read_usual
 from cylforce.programs.common.usual_tables import UsualQuantity
-from cylforce.programs.fleet import gathering, kept, page, store, task, workers
+from cylforce.programs.fleet import gathering, page, store, task, workers
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.workers import Where
 from cylforce.programs.identify import JOINTLY, run_identify
@@ -200,9 +200,8 @@ def test_a_worker_that_ends_for_want_of_memory(few, tmp_path, monkeypatch):
         return real(job, known)
 
     monkeypatch.setattr(gathering, "summarised", summarised)
-    monkeypatch.setattr(workers, "RETRIES", 0)
     wanted = Wanted((str(folder),), tmp_path / "r.parquet", cache=tmp_path / "cache")
-    result = run_fleet(wanted, Where(None, 1), say=lambda _: None)
+    result = run_fleet(wanted, Where(None, 1, retries=0), say=lambda _: None)
     states = {row["recording"]: row["state"] for row in result.rows}
     assert states.pop(bad.name) == "failed"
     assert set(states.values()) <= {"ok", "doubtful"}
@@ -255,21 +254,17 @@ def test_the_order_of_the_work_changes_nothing(three, tmp_path, monkeypatch):
     assert rows_of(tmp_path / "one.parquet").equals(rows_of(tmp_path / "two.parquet"))
 
 
-def test_results_are_read_while_the_work_goes_on(three, tmp_path, monkeypatch):
-    output, seen, shares = tmp_path / "r.parquet", [], []
-    real = task.evidence
+def test_results_are_read_while_the_work_goes_on(three, tmp_path):
+    """Each result can be read when the next one is there."""
+    output, seen = tmp_path / "r.parquet", {}
 
-    def evidence(model, recorded):
-        seen.append(pq.read_table(output)["state"].to_pylist() if output.exists() else [])
-        return real(model, recorded)
+    def watch(what, share):
+        if what == "recordings":
+            seen[share] = pq.read_table(output)["state"].to_pylist() if output.exists() else []
 
-    monkeypatch.setattr(task, "evidence", evidence)
-    monkeypatch.setattr(gathering, "FLUSH_S", 0.0)
-    wanted = Wanted((str(three),), output)
-    run_fleet(wanted, HERE, lambda what, share: shares.append((what, share)), lambda _: None)
-    assert [len(states) for states in seen] == [0, 1, 2]
-    assert set(seen[-1]) <= {"ok", "doubtful"}
-    assert [share for what, share in shares if what == "recordings"] == [0.0, *(k / 3 for k in (1, 2, 3))]
+    run_fleet(Wanted((str(three),), output, flush_s=0.0), HERE, watch, lambda _: None)
+    assert {share: len(states) for share, states in seen.items()} == {0.0: 0, 1 / 3: 0, 2 / 3: 1, 1.0: 2}
+    assert set(seen[1.0]) <= {"ok", "doubtful"}
 
 
 def test_a_worker_near_its_limit_of_memory_goes_on():
@@ -517,33 +512,26 @@ class TestBadInput:
         with pytest.raises(RecordingError, match=r"s3://x: no answer within 0.1 s"):
             store.within(0.1, lambda: time.sleep(1.0), "s3://x")
 
-    def test_a_scheduler_that_cannot_be_reached(self, few, tmp_path, monkeypatch, closed_port):
-        monkeypatch.setattr(workers, "CONNECT_S", 1.0)
+    def test_a_scheduler_that_cannot_be_reached(self, few, tmp_path, closed_port):
         wanted = Wanted((str(few[0]),), tmp_path / "r.parquet")
         with pytest.raises(RecordingError, match="cannot be reached"):
-            run_fleet(wanted, Where(f"tcp://127.0.0.1:{closed_port}"))
+            run_fleet(wanted, Where(f"tcp://127.0.0.1:{closed_port}", connect_s=1.0))
 
     def test_a_scheduler_that_ends_while_it_works(self, three, tmp_path, monkeypatch):
         """A sentence, and what was done is kept."""
         import dask
         from distributed import LocalCluster
 
-        monkeypatch.setattr(workers, "CONNECT_S", 1.0)
-        monkeypatch.setattr(workers, "AHEAD", 1)
-        real = kept.KeptResults.put
+        def watch(what, share):
+            if what == "recordings" and share:
+                cluster.loop.add_callback(cluster.scheduler.close)
 
-        def put(self, key, outcome):
-            real(self, key, outcome)
-            cluster.loop.add_callback(cluster.scheduler.close)
-
-        monkeypatch.setattr(kept.KeptResults, "put", put)
         cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0")
         # Else it looks for the scheduler, which is gone, for half a minute before it is closed.
         with dask.config.set({"distributed.comm.timeouts.connect": "1s"}), cluster:
             wanted = Wanted((str(three),), tmp_path / "r.parquet", cache=tmp_path / "cache")
             with pytest.raises(RecordingError, match=r"the scheduler ended, .*: what was done is kept"):
-                run_fleet(wanted, Where(cluster.scheduler_address), say=lambda _: None)
-        monkeypatch.undo()
+                run_fleet(wanted, Where(cluster.scheduler_address, connect_s=1.0, ahead=1), watch, lambda _: None)
         seen = looked_at(monkeypatch)
         run(three, tmp_path / "r.parquet", tmp_path / "cache")
         assert seen == [f"{day_of(k)}.parquet" for k in (1, 2)]

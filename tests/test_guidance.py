@@ -14,13 +14,15 @@ from cylforce.commissioning.strokes import Stroke, clear_range, next_stroke, rea
 from cylforce.programs.common.readings import model_of
 from cylforce.settings.machine_file import load
 from obedient import commissioned
-from scenarios import CONFIG, EXCAVATOR
+from scenarios import CONFIG, EXCAVATOR, SMALL
 from spoilt import samples, touching
 
 MACHINES = sorted(CONFIG.glob("*.toml"))
 LOADED = load(EXCAVATOR)
 MODEL = model_of(LOADED)
 GUIDE = Guide(MODEL, every_s=10.0)
+FEW = load(SMALL)  # two cylinders: half of the strokes
+FEW_GUIDE = Guide(model_of(FEW), every_s=10.0)
 FIVE_MINUTES = 300.0
 
 
@@ -51,11 +53,11 @@ def test_what_it_ended_with_is_accepted_by_identify_and_tells_all_weights(machin
 
 
 def test_a_recording_is_followed_as_the_bus_was():
-    told, values = done(EXCAVATOR)
-    advice = list(follow(GUIDE, [values]))
+    told, values = done(SMALL)
+    advice = list(follow(FEW_GUIDE, [values]))
     assert advice[-1].done
     assert advice[-1].seconds == pytest.approx(told[-1].seconds, abs=6.0)
-    shares = [np.minimum(a.covered, GUIDE.plan.needed).sum() for a in advice]
+    shares = [np.minimum(a.covered, FEW_GUIDE.plan.needed).sum() for a in advice]
     assert np.all(np.diff(shares) >= 0.0)
 
 
@@ -88,7 +90,7 @@ def test_pieces_of_any_size_and_bridged_gaps_cover_the_same():
 
 @pytest.mark.parametrize("kg", [300.0, pytest.param(1500.0, marks=pytest.mark.long)])
 def test_a_loaded_bucket_is_refused_early(kg):
-    told, _ = commissioned(LOADED, Guide(MODEL), 71, kg)
+    told, _ = commissioned(FEW, FEW_GUIDE, 71, kg)
     assert told[-1].seconds < 60.0
     assert told[-1].refusal.startswith("the bucket is not empty")
     assert told[-1].instruction == told[-1].refusal

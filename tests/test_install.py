@@ -36,14 +36,6 @@ def tree(root):
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "--no-build-isolation", "-w", folder, ROOT]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
-    return next(folder.glob("*.whl"))
-
-
-@pytest.fixture(scope="module")
 def installed(tmp_path_factory, wheel):
     root = tmp_path_factory.mktemp("controller")
     return root, install(root, "--bit-rate", "500K", wheel=wheel)

@@ -159,8 +159,8 @@ def test_arrays_are_asked_only_of_what_can_be_sure(leaping, form):
     """Six pressures, one with a step of up to 60 times the sensor's noise, two exchanged that are as far apart: what
     the kernel says at the first look, and what least squares say, with and without step or exchange."""
     rng, noise = np.random.default_rng(16), load(EXCAVATOR).service.machine.signals[leaping.signals[0]].standard_error
-    pairs, most = leaping._pairs, leaping._most_pairs
-    told = (leaping._curves, DEGREE + 1, np.full(6, noise**2), float(FREE), float(KNOWN), leaping.least, pairs)
+    pairs, most = leaping.pairs, leaping.most_pairs
+    told = (leaping.curves, DEGREE + 1, np.full(6, noise**2), float(FREE), float(KNOWN), leaping.least, pairs)
     seen = set()
     for k in range(300):
         window = smooth(rng)

@@ -130,8 +130,6 @@ def test_a_full_disk_ends_the_log_not_the_caller():
 
 
 def test_a_stalled_disk_ends_the_log_before_memory_does(tmp_path, monkeypatch):
-    monkeypatch.setattr("cylforce.files.logfile.BACKLOG_BYTES", 10_000)
-    monkeypatch.setattr("cylforce.files.logfile.CLOSE_S", 0.05)
     told, stall = [], []
 
     def slow(self, block, events):
@@ -139,7 +137,7 @@ def test_a_stalled_disk_ends_the_log_before_memory_does(tmp_path, monkeypatch):
             time.sleep(0.01)
 
     monkeypatch.setattr(LogWriter, "_put", slow)
-    log = LogWriter(tmp_path / "run.log", HEADER, T0, "can0", report=told.append)
+    log = LogWriter(tmp_path / "run.log", HEADER, T0, "can0", report=told.append, backlog_bytes=10_000, close_s=0.05)
     for k in range(2000):
         log.log(Tick(T0 + k * 10_000))
     log.close()

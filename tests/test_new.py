@@ -363,7 +363,7 @@ def test_a_proposed_machine_weighs_once_its_pins_are_measured(tmp_path, capsys, 
     path = made(tmp_path, kind, tonnes, _measured(kind, tonnes) | values | {"pins_mm": "2"})
     log, run, truth, tares = (tmp_path / name for name in ("moves.log", "run.log", "truth.csv", "identified.toml"))
     assert cylforce_("sim", path, "--scenario", "moves", "--seed", 5, "--log", log) == 0
-    assert cylforce_("identify", path, log, "-o", tares) == 0
+    assert cylforce_("identify", path, log, "-o", tares, "--no-statistics") == 0
     assert cylforce_("sim", path, "--cycles", 3, "--seed", 5, "--log", run, "--truth", truth) == 0
     capsys.readouterr()
     assert cylforce_("replay", path, run, "--identified", tares) == 0

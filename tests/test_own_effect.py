@@ -26,7 +26,7 @@ def recordings(kind, service, seed, effects=()):
     """Two tables, of the empty and of the loaded machine, from one run."""
     machine, dt = service.machine, 1.0 / service.filters.rate_hz
     truth = draw_truth(machine, np.random.default_rng(5), 0.1)._replace(effects=effects)
-    scenes = [moves(machine, np.random.default_rng((seed, k)), 70.0, payload=kg) for k, kg in enumerate((0.0, LOAD))]
+    scenes = [moves(machine, np.random.default_rng((seed, k)), 40.0, payload=kg) for k, kg in enumerate((0.0, LOAD))]
     records = run(machine, truth, sensors(machine, service.nodes), scenes, dt=dt, rng=np.random.default_rng((seed, 9)))
     for record, what in zip(records, ("empty", "loaded"), strict=True):
         write_table(Path(f"{kind}_{what}.csv"), Table(record.t, record.values, tuple(s.name for s in machine.signals)))

@@ -302,16 +302,15 @@ def test_a_full_disk_stops_the_records_only(path):
     assert told == [recorder.failure]
 
 
-def test_the_first_change_that_cannot_be_written_ends_the_records_with_its_reason(path, monkeypatch):
-    def fail(*_):
-        raise sqlite3.OperationalError("disk I/O error")
-
+def test_the_first_change_that_cannot_be_written_ends_the_records_with_its_reason(path):
+    """Another program has taken the table away."""
     told = []
     recorder = Recorder(path, START, told.append)
-    monkeypatch.setattr(recorder, "_write", fail)
+    with closing(sqlite3.connect(path)) as other:
+        other.execute("DROP TABLE bookings")
     recorder.put(booked(recorder.kept, 10.0))
     recorder.close()
-    assert "(disk I/O error)" in recorder.failure
+    assert "(no such table: bookings)" in recorder.failure
     assert told == [recorder.failure]
     recorder.put(booked(recorder.kept, 10.0))
     assert told == [recorder.failure]
@@ -341,11 +340,10 @@ def test_a_second_service_is_refused(path):
     open_reading(path).close()
 
 
-def test_handing_over_costs_next_to_nothing_while_the_disk_stalls(path, monkeypatch):
+def test_handing_over_costs_next_to_nothing_while_the_disk_stalls(path):
     """Another program holds the database until 500 of them are handed over: none of them waits for it. A busy machine
     may take longer to write them afterwards than an end of the service waits."""
-    monkeypatch.setattr("cylforce.records.recorder.CLOSE_S", 120.0)
-    recorder = Recorder(path, START)
+    recorder = Recorder(path, START, close_s=120.0)
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         kept = recorder.kept

@@ -1,9 +1,10 @@
 """The seal of identified.toml: what was edited is named; a change on purpose is sealed anew, with its reason."""
 
 import getpass
-import subprocess
-import sys
 import tomllib
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from cylforce.settings.identified import identified_seal, read_identified, seal_
 from cylforce.settings.machine_file import SettingsError, load
 from cylforce.settings.seal import Seal, broken, sealed
 from scenarios import EXCAVATOR
+from test_cli import cylforce_
 
 MACHINE = load(EXCAVATOR)
 
@@ -40,8 +42,11 @@ def edit(path, change):
 
 
 def seal(path, *words):
-    command = [sys.executable, "-m", "cylforce", "seal", str(EXCAVATOR), str(path), *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    """Exit code and output of the command, in this process."""
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = cylforce_("seal", EXCAVATOR, path, *words)
+    return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())
 
 
 def scaled(said):

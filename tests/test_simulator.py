@@ -394,18 +394,16 @@ def test_hours_of_strokes_need_memory_in_proportion():
     np.testing.assert_allclose(found[0], 0.3 + 0.5 * (share[0] - share[1]), atol=1e-9)
 
 
-def test_a_long_scene_comes_in_parts_that_join_without_a_step(monkeypatch):
+def test_a_long_scene_comes_in_parts_that_join_without_a_step():
     machine = excavator()
     truth = draw_truth(machine, np.random.default_rng(1), 0.1)
     scene = moves(machine, np.random.default_rng(2), 30.0)
 
-    def records():
+    def records(**options):
         made = perfect(machine)._replace(lag=np.full(len(machine.signals), 0.01))
-        return list(run(machine, truth, made, [scene], dt=0.01, rng=np.random.default_rng(3)))
+        return list(run(machine, truth, made, [scene], dt=0.01, rng=np.random.default_rng(3), **options))
 
-    whole = records()
-    monkeypatch.setattr("cylforce.simulation.sensing.PART_S", 7.0)
-    parts = records()
+    whole, parts = records(), records(part_s=7.0)
     assert (len(whole), len(parts)) == (1, 5)
     assert {part.scene for part in parts} == {0}
     np.testing.assert_array_equal(np.concatenate([part.t for part in parts]), whole[0].t)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cylforce.files import cells
 from cylforce.files.atomic import RecordingError, replacing
+from cylforce.files.cells import ROWS
 from cylforce.files.tables import (
     ColumnMap,
     Table,
@@ -210,15 +210,18 @@ def test_a_table_in_pieces_is_resampled_as_the_whole(steps, cuts, gaps):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_long_table_comes_in_pieces(tmp_path, monkeypatch, suffix):
-    monkeypatch.setattr(cells, "ROWS", 7)
-    path, t = tmp_path / f"run{suffix}", np.arange(40) / 100
+def test_a_long_table_comes_in_pieces(tmp_path, suffix):
+    """Also a time that does not increase from one piece to the next is found."""
+    path, t = tmp_path / f"run{suffix}", np.arange(ROWS + 40) / 100
     write_table(path, table(t, np.sin(t)))
     found = list(table_pieces(path, SIGNALS[:1]))
-    assert max(len(piece.t_s) for piece in found) == 7
+    assert max(len(piece.t_s) for piece in found) == ROWS
     assert_equal(read_table(path, SIGNALS[:1]), table(t, np.sin(t)))
-    write_table(path, table(np.where(t == 0.14, 0.13, t), t))
-    with pytest.raises(RecordingError, match=r"(line 16|row 15): time \(column 't_s'\) does not increase"):
+    t[ROWS] = t[ROWS - 1]
+    write_table(path, table(t, t))
+    with pytest.raises(
+        RecordingError, match=rf"(line {ROWS + 2}|row {ROWS + 1}): time \(column 't_s'\) does not increase"
+    ):
         read_table(path, SIGNALS[:1])
 
 

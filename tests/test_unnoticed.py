@@ -7,13 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import bookkeeping
+from bookkeeping import RATED, bookings
 from cylforce.estimation.drift import drift_spread
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.model import EXPECTED, Tares
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.adaptation import DriftFilter
-from cylforce.service.booking import BookingConstants, Bookings, ProbableErrors, Weighed, difference
+from cylforce.service.booking import ProbableErrors, Weighed, difference
 from cylforce.service.core import Core
 from cylforce.service.plausibility.blocks import LOAD, BlockGatherer
 from cylforce.service.plausibility.undetected import CLASS, MEMORY, UndetectedErrors, off_probability
@@ -25,29 +27,12 @@ from weighing.parts import Parts
 
 LIFT = 200  # samples of a lift, more than those of a second
 PRIOR = np.full(LOAD + 1, 0.01)
-RATED = 1500.0
 TARES = Tares((), ("a",), np.zeros(1), np.zeros((1, 1)), np.zeros(0), True)
 STILL = SimpleNamespace(values=np.zeros(1), covariance=np.zeros((1, 1)))
 
 
-def bookings(given, **state):
-    """The booking of a machine with these tares, in a state."""
-    found = Bookings.start(BookingConstants(given, RATED, 100.0))
-    for name, value in state.items():
-        setattr(found, name, value)
-    return found
-
-
-def changed(before, change):
-    """A copy that `change` has changed."""
-    found = Bookings.start(before.constants)
-    found.restore(before.snapshot())
-    change(found)
-    return found
-
-
-def noted(books, weight, t, drift=STILL):
-    return changed(books, lambda found: found.update(weight, t, drift))
+def noted(books, weight, t):
+    return bookkeeping.noted(books, weight, t, STILL)
 
 
 class Rows:
@@ -220,7 +205,7 @@ def weight(mass, slopes):
 def test_a_weight_is_as_uncertain_as_signals_are_off():
     """Each signal by itself, in squares; what is the same in lift and return cancels."""
     lifted, sizes = weight(900.0, (3.0, -4.0)), np.array([2.0, 3.0])
-    constants = BookingConstants(TARES, RATED, 100.0)
+    constants = bookkeeping.constants(TARES)
     assert constants.error(lifted, STILL) == pytest.approx(2.0)
     assert constants.reported_error(lifted, STILL, sizes) == pytest.approx(np.sqrt(4.0 + 36.0 + 144.0))
     what_left = difference(lifted, weight(0.0, (3.0, -4.0)))
@@ -231,7 +216,7 @@ def test_the_parts_of_a_standard_error_by_hand():
     """Noise 4 kg^2; a tare off by 2 changes the mass by 3 each; a drift off by 1 by 5 each; 1 % of 900 kg; a signal off
     by 2 changes it by 3 each."""
     tares = TARES._replace(covariance=np.array([[4.0]]), scale_error=0.01)
-    constants = BookingConstants(tares, RATED, 100.0)
+    constants = bookkeeping.constants(tares)
     drift = SimpleNamespace(values=np.zeros(1), covariance=np.array([[1.0]]))
     lifted = Weighed(900.0, 4.0, np.array([3.0]), np.array([5.0]), 100, slopes=np.array([3.0]))
     parts = astuple(constants.variances(lifted, drift, tares, np.array([2.0])))

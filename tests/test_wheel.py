@@ -4,8 +4,6 @@ from an empty folder: the commands work, and what the repository ships is in it.
 Of Python 3.11 to 3.13, which the metadata name, this is the one that runs the tests."""
 
 import json
-import os
-import re
 import subprocess
 import sys
 import sysconfig
@@ -18,30 +16,11 @@ from types import SimpleNamespace
 import pytest
 
 import cylforce
+from wheels import pip
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = [ROOT / name for name in ("config", "systemd")]
 SHIPPED = {p.name: p for folder in FOLDERS for p in folder.iterdir() if p.suffix not in (".md", ".svg")}
-PIP = (sys.executable, "-m", "pip", "--no-input", "--disable-pip-version-check")
-NO_INDEX = re.compile("No matching distribution|Could not find a version|connection|Retrying|timed out", re.IGNORECASE)
-
-
-def pip(*words):
-    """pip without this repository's sources on its path; what it cannot do fails the test in a sentence."""
-    outside = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run([*PIP, *map(str, words)], capture_output=True, text=True, env=outside, timeout=600)
-    if done.returncode != 0 and NO_INDEX.search(done.stderr):
-        pytest.fail(f"pip reaches no index with the run-time dependencies, so no wheel can be tried:\n{done.stderr}")
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """The wheel as it would be published, built by the locked hatchling."""
-    folder = tmp_path_factory.mktemp("dist")
-    pip("wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder, ROOT)
-    [path] = folder.glob("*.whl")
-    return path
 
 
 @pytest.fixture(scope="module")

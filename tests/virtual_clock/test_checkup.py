@@ -1,29 +1,23 @@
 """The check-up on a bus: it guides an operator through its motions, records them, and ends when it is decided."""
 
-import asyncio
 import json
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cylforce.can.opening import open_bus
 from cylforce.effects.imposed import imposed
 from cylforce.files.logreader import read_events
 from cylforce.files.tables import Table, write_table
 from cylforce.programs.common.play import Play
 from cylforce.programs.experiments.catalogue import checkup
-from cylforce.programs.live.sim_bus import play_until
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors
 from cylforce.simulation.simulator import draw_truth
-from cylforce.simulation.trajectory import JointCourse, Phase, Scene
-from scenarios import CONFIG
+from operated import operated
+from scenarios import CONFIG, scene
 
-BUS = "socketcan:vcan0"
-COMMAND = (sys.executable, "-m", "cylforce")
 FAULT = ("coulomb_friction", "stick", 5000.0)  # N: several times what a healthy seal rubs
 REST_S = 1.0  # between what the operator is asked for
 
@@ -36,13 +30,13 @@ class Operator:
         together = checkup(self.machine)[0].scene
         self.pose = [joint.begin for joint in together.joints]
 
+    def hear(self, line):
+        self.says = line.rpartition(": ")[2]
+
     def scenes(self):
         motions = {motion.words: motion.scene for motion in checkup(self.machine)}
         while True:
-            yield motions.get(self.says) or self.rest()
-
-    def rest(self):
-        return Scene(REST_S, tuple(JointCourse(a) for a in self.pose), JointCourse(0.0), ((0.0, Phase.AIR),))
+            yield motions.get(self.says) or scene(self.pose, (), REST_S)
 
     def play(self):
         service = self.loaded.service
@@ -80,46 +74,22 @@ def done(tmp_path_factory):
     path = CONFIG / "excavator_stick_bucket.toml"
     loaded = load(path)
     references = [recorded(loaded, folder / f"reference_{k}.parquet", k) for k in (1, 2)]
-    operator, lines = Operator(loaded), []
-
-    async def listen(stream):
-        while line := await stream.readline():
-            lines.append(line.decode().rstrip())
-            operator.says = lines[-1].rpartition(": ")[2]
-
-    async def main():
-        words = ["checkup", path, "--bus", BUS, "--folder", folder / "steps", "--json", folder / "checkup.json"]
-        words += [word for reference in references for word in ("--reference", reference)]
-        pipe = {"stderr": asyncio.subprocess.PIPE, "stdout": asyncio.subprocess.PIPE}
-        process = await asyncio.create_subprocess_exec(*COMMAND, *map(str, words), **pipe)
-        stop, bus = asyncio.Event(), open_bus(BUS)
-        machine = asyncio.create_task(play_until(operator.play(), bus, None, stop))
-        listening = asyncio.create_task(listen(process.stdout))
-        try:
-            said = await asyncio.wait_for(process.stderr.read(), 900.0)
-            await listening
-        finally:
-            stop.set()
-            await machine
-            bus.close()
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
-        return process.returncode, said.decode()
-
-    code, said = asyncio.run(main())
-    return SimpleNamespace(loaded=loaded, folder=folder, code=code, said=said, lines=lines)
+    operator = Operator(loaded)
+    words = ["checkup", path, "--folder", folder / "steps", "--json", folder / "checkup.json"]
+    words += [word for reference in references for word in ("--reference", reference)]
+    ended = operated(words, operator.play(), operator.hear)
+    return SimpleNamespace(loaded=loaded, folder=folder, ended=ended)
 
 
 def test_it_ends_with_the_cause_that_the_machine_has(done):
-    assert done.code == 0, done.said
+    assert done.ended.code == 0, done.ended.errors
     found = json.loads((done.folder / "checkup.json").read_text())
-    assert found["end"] == "certain", done.lines
+    assert found["end"] == "certain", done.ended.lines
     assert (found["answer"]["effects"][0]["name"], found["answer"]["effects"][0]["at"]) == FAULT[:2]
 
 
 def test_it_asks_for_one_step_after_the_other(done):
-    text = "\n".join(done.lines)
+    text = "\n".join(done.ended.lines)
     assert text.index("stop the engine") < text.index("move all joints at once")
 
 

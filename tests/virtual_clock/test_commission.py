@@ -1,31 +1,25 @@
 """A machine on the bus whose operator does what the commissioning says, and knows nothing but its sentences."""
 
-import asyncio
 import re
-import sys
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cylforce.can.opening import open_bus
 from cylforce.commissioning.strokes import clear_range
 from cylforce.files.candump import Sent
 from cylforce.files.logreader import read_events
 from cylforce.programs.common.play import Play
 from cylforce.programs.identify import How, run_identify
-from cylforce.programs.live.sim_bus import play_until
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import load
 from cylforce.simulation.sensing import run, sensors
-from cylforce.simulation.trajectory import JointCourse, Phase, Scene
 from obedient import to_pose
-from scenarios import CONFIG, carried, truth_of
+from operated import operated
+from scenarios import CONFIG, carried, scene, truth_of
 
 NAME = "excavator_stick_bucket.toml"
-BUS = "socketcan:vcan0"
-COMMAND = (sys.executable, "-m", "cylforce")
 SEED = 21
 KNOWN_KG = 2000.0
 QUICKLY = {  # half the frames, and strokes of a third: what is to be done then takes 100 s
@@ -47,6 +41,9 @@ class Operator:
         self.loaded, self.machine = loaded, loaded.service.machine
         self.says, self.pose = "", clear_range(self.machine).mean(axis=1)
 
+    def hear(self, line):
+        self.says = line.partition(": ")[2]
+
     def scenes(self):
         while True:
             found = MOVE.search(self.says)
@@ -56,8 +53,8 @@ class Operator:
                 yield self.go(dict(TO.findall(self.says)), SEES_S)
             elif "clear of the ground and move" in self.says:
                 yield from self.lift()
-            yield self.rest(SEES_S)
-            yield self.rest(0.1)
+            yield scene(self.pose, (), SEES_S)
+            yield scene(self.pose, (), 0.1)
 
     def stroke(self, name, begin, end, seconds, others):
         at = {**dict(WAIT.findall(others or "")), name: begin}
@@ -89,9 +86,6 @@ class Operator:
                 yield to_pose(self.machine, self.pose, target, 4.0, weight)
                 self.pose = target
 
-    def rest(self, seconds):
-        return Scene(seconds, tuple(JointCourse(float(a)) for a in self.pose), JointCourse(0.0), ((0.0, Phase.AIR),))
-
     def play(self):
         service = self.loaded.service
         made, rng = sensors(self.machine, service.nodes), np.random.default_rng((SEED, 2))
@@ -110,47 +104,23 @@ def done(tmp_path_factory):
         text = text.replace(there, instead)
     path.write_text(text)
     loaded = load(path)
-    operator, lines = Operator(loaded), []
-
-    async def listen(stream):
-        while line := await stream.readline():
-            lines.append(line.decode().rstrip())
-            operator.says = lines[-1].partition(": ")[2]
-
-    async def main():
-        words = ("commission", path, "--bus", BUS, "-o", output, "--known-kg", KNOWN_KG)
-        pipe = {"stderr": asyncio.subprocess.PIPE, "stdout": asyncio.subprocess.PIPE}
-        process = await asyncio.create_subprocess_exec(*COMMAND, *map(str, words), **pipe)
-        stop, bus = asyncio.Event(), open_bus(BUS)
-        machine = asyncio.create_task(play_until(operator.play(), bus, None, stop))
-        listening = asyncio.create_task(listen(process.stdout))
-        try:
-            said = await asyncio.wait_for(process.stderr.read(), 900.0)
-            await listening
-        finally:
-            stop.set()
-            await machine
-            bus.close()
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
-        return process.returncode, said.decode()
-
-    code, told = asyncio.run(main())
-    return SimpleNamespace(loaded=loaded, output=output, code=code, told=told, lines=lines)
+    operator = Operator(loaded)
+    words = ("commission", path, "-o", output, "--known-kg", KNOWN_KG)
+    ended = operated(words, operator.play(), operator.hear)
+    return SimpleNamespace(loaded=loaded, output=output, ended=ended)
 
 
 def test_it_ends_by_itself_with_tares_and_a_scale(done):
-    assert done.code == 0, done.told
+    assert done.ended.code == 0, done.ended.errors
     tares = read_identified(done.output, done.loaded)
     assert tares.identified
     assert 0.0 < tares.scale_error < 0.03
     assert abs(tares.scale - 1.0) < 3.0 * tares.scale_error
-    assert any("enough: the machine may rest" in line for line in done.lines)
+    assert any("enough: the machine may rest" in line for line in done.ended.lines)
 
 
 def test_it_told_one_sentence_after_the_other(done):
-    said = [line for line in done.lines if " of motion, " in line]
+    said = [line for line in done.ended.lines if " of motion, " in line]
     assert len(said) > 5
     assert all(a.partition(": ")[2] != b.partition(": ")[2] for a, b in pairwise(said))
     minutes, seconds = re.match(r"(\d+):(\d\d) of motion", said[-1]).groups()

@@ -215,7 +215,13 @@ def _paired(triangle: Array) -> Array:
 def chosen(data: Factors, columns: list[int]) -> Factors:
     """Return the factors of a selection of the columns, in the order given."""
     keep = [*columns, data.triangle.shape[-1] - 1]
-    return _each(data, lambda triangle: upper(triangle[..., keep]))
+
+    def kept(triangle: Array) -> Array:
+        if _is_nothing(triangle):
+            return _zeros((*triangle.shape[:-2], len(keep), len(keep)))
+        return upper(triangle[..., keep])
+
+    return _each(data, kept)
 
 
 def beside(data: Factors, combinations: Array) -> Factors:
@@ -267,6 +273,8 @@ def of_all(data: Factors) -> Factors:
 def stacked_triangle(data: Factors, weight: Array) -> Array:
     """Return the triangle (K+1, K+1) of all blocks and measured torques together, each multiplied by its `weight` (B,
     R)."""
+    if _is_nothing(data.triangle):
+        return np.zeros(data.triangle.shape[-2:])
     rows = data.triangle * weight[..., None, None]
     return triangle_of(rows.reshape(-1, rows.shape[-1]))
 

@@ -165,7 +165,9 @@ class FilteredRegressor:
         """Return the rows of a recording, whose leading axis is time."""
         momentum, static = self.inputs(moving)
         rows = self.mean.run(self._begun(static[0]), static)[1]
-        moved = self.slope.run(self.slope.rest(momentum[0]), momentum)[1]
+        # Most effects have no momentum. Their columns are zero and stay so: to filter them takes a third of the time.
+        some, moved = np.any(momentum, axis=(0, 1)), np.zeros(momentum.shape)
+        moved[..., some] = self.slope.run(self.slope.rest(momentum[0][..., some]), momentum[..., some])[1]
         return Rows(rows[..., :-1] + moved, rows[..., -1])
 
     def left(self, moving: Motion, values: Array) -> Array:

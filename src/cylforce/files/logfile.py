@@ -136,6 +136,8 @@ class LogWriter:
         channel: str,
         report: Report = warn,
         rotation: Rotation | None = None,
+        backlog_bytes: int = BACKLOG_BYTES,
+        close_s: float = CLOSE_S,
     ) -> None:
         """Open the file and start the thread.
 
@@ -145,10 +147,13 @@ class LogWriter:
         channel: name of the bus; a name that candump text cannot carry is written as can0
         report: called with a sentence about a failure
         rotation: limits of size and number of files; None: one file
+        backlog_bytes: size of unwritten lines from which on the disk counts as failed
+        close_s: time for which closing waits for the disk [s]
         """
         writable = _CHANNEL.fullmatch(channel) and channel not in (HEAD, TICK, SENT)
         self._path, self._channel, self._report = path, channel if writable else "can0", report
         self.header, self._rotation = header, rotation
+        self._backlog_bytes, self._close_s = backlog_bytes, close_s
         self._room = rotation.size if rotation else 0
         self.failure: str | None = None
         self._logged = self._passed = 0  # counted by the loop: events logged, bytes passed to the thread
@@ -197,7 +202,7 @@ class LogWriter:
         if self._rotation is None:
             return False
         if self.failure is not None:
-            stalled = self._passed - self._done > BACKLOG_BYTES // 2
+            stalled = self._passed - self._done > self._backlog_bytes // 2
             return not stalled and not 0 <= self._now_us - self._failed_us < RETRY_US
         return self._room <= 0 or self._lost_name
 
@@ -222,7 +227,7 @@ class LogWriter:
         if self._resumed:
             self._resumed = self._reported = False
             self._report(f"{self._path}: logging continues")
-        if self._passed - self._done > BACKLOG_BYTES:
+        if self._passed - self._done > self._backlog_bytes:
             self._error = self._error or TimeoutError(None, "the disk does not keep up")
         if self._error is None:
             self._pass(block, events)
@@ -250,7 +255,7 @@ class LogWriter:
         """Write the remaining events, and wait for it a few seconds."""
         self.flush()
         self._blocks.put(None)
-        self._thread.join(CLOSE_S)
+        self._thread.join(self._close_s)
         if self._thread.is_alive():
             self._error = self._error or TimeoutError(None, "the disk does not keep up")
         if self._error is not None:

@@ -48,6 +48,7 @@ class Order(NamedTuple):
     log:        path of the log of the motion
     known_kg:   weight to be lifted afterwards [kg]; None: none
     attachment: tool on the machine
+    give_up_s:  time from the beginning without one whole sample, after which it ends [s]
     """
 
     bus: str
@@ -55,6 +56,7 @@ class Order(NamedTuple):
     log: Path
     known_kg: float | None = None
     attachment: str = STANDARD
+    give_up_s: float = GIVE_UP_S
 
     @property
     def lift_log(self) -> Path:
@@ -137,12 +139,14 @@ def _collected(loaded: Loaded, guide: Guide, order: Order, console: Console) -> 
     try:
         writer = _writer(loaded, order, order.log)
         console.print(f"recording to {order.log}", soft_wrap=True)
-        return asyncio.run(_collect(loaded, guide, bus, writer, console))
+        return asyncio.run(_collect(loaded, guide, bus, writer, console, order.give_up_s))
     finally:
         bus.close()
 
 
-async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, console: Console) -> View:
+async def _collect(
+    loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, console: Console, give_up_s: float
+) -> View:
     collector, until = Collector(loaded, guide, bus, writer), asyncio.Event()
     with Screen(console) as screen:
 
@@ -150,7 +154,7 @@ async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, co
             collector.think()
             view = collector.view()
             screen.show(picture(guide, view), summary(guide, view), view.instruction)
-            _check_outcome(guide, view)
+            check_outcome(guide, view, give_up_s)
             if view.advice.done:
                 until.set()
 
@@ -163,14 +167,14 @@ async def _collect(loaded: Loaded, guide: Guide, bus: Bus, writer: LogWriter, co
     return collector.view()
 
 
-def _check_outcome(guide: Guide, view: View) -> None:
+def check_outcome(guide: Guide, view: View, give_up_s: float = GIVE_UP_S) -> None:
     """Raise ValueError or BusError for a recording that cannot be used.
 
     ValueError: it is refused, or not enough after a long time. BusError: the sensors have sent nothing.
     """
     if view.advice.refusal is not None:
         raise ValueError(view.advice.refusal)
-    if view.deaf_s > GIVE_UP_S and view.advice.seconds == 0.0:
+    if view.deaf_s > give_up_s and view.advice.seconds == 0.0:
         raise BusError(view.instruction)
     if view.advice.seconds > LIMIT_S and not view.advice.done:
         raise ValueError(

@@ -126,7 +126,8 @@ def _prepare(loaded: Loaded, files: Files, seed: int, console: Console) -> None:
     _cylforce(*moves, "--duration", LIFT_S, "--payload-kg", known_kg, "--log", files.lift)
     console.print("2. its tares and the scale are identified from these recordings")
     lift = ("--lift", files.lift, "--known-kg", known_kg)
-    _cylforce("identify", machine, files.moves, *lift, "-o", files.identified)
+    # The folder vanishes with the demo, and nothing here diagnoses: the statistics would take most of the time.
+    _cylforce("identify", machine, files.moves, *lift, "-o", files.identified, "--no-statistics")
 
 
 def _cylforce(*arguments: object) -> None:

@@ -28,6 +28,7 @@ class Recorder:
     path: the file
     start: the start of the service
     report: called with a sentence about a failure
+    close_s: time for which closing waits for the disk [s]
     kept: memory that was restored from the records
     recorded: number of the last booking that is safe on the disk
     audited: number of the last audit entry that is safe on the disk
@@ -35,7 +36,8 @@ class Recorder:
     failure: sentence about a failure; "": none
     """
 
-    def __init__(self, path: Path, start: Start, report: Report = warn) -> None:
+    def __init__(self, path: Path, start: Start, report: Report = warn, close_s: float = CLOSE_S) -> None:
+        self._close_s = close_s
         self._path, self._report, self.failure, self._error = path, report, "", ""
         self.kept: Memory = NOTHING_KEPT
         self.lifetime: float | None = None
@@ -78,7 +80,7 @@ class Recorder:
         """Write the remaining changes, and wait for it a few seconds."""
         with suppress(Full):
             self._changes.put_nowait(self._last_us)
-            self._thread.join(CLOSE_S)
+            self._thread.join(self._close_s)
         self.report_failure()
         if self._lock is not None:
             self._lock.close()

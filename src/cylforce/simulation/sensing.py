@@ -146,6 +146,7 @@ def run(
     *,
     dt: float,
     rng: np.random.Generator,
+    part_s: float = PART_S,
 ) -> Iterator[Record]:
     """Yield the records of scenes one after the other, long ones in parts.
 
@@ -154,11 +155,12 @@ def run(
     properties: properties of the sensors
     dt: time between two samples [s]
     rng: generator of the noise
+    part_s: longest part of a scene that is computed at once [s]
     """
     filters = [lag_filter(float(lag), dt) for lag in properties.lag]
     states: list[Array] = []
     before = np.zeros((0, len(machine.signals)))  # the part before, which delayed signals still read
-    for number, scene, begin, grid in _parts(scenes, dt):
+    for number, scene, begin, grid in _parts(scenes, dt, part_s):
         physics = simulate(machine, truth, scene, grid - begin, begin)
         ideal = true_values(machine, physics)
         states = states or [f.steady(x) for f, x in zip(filters, ideal[0], strict=True)]
@@ -173,11 +175,11 @@ def run(
         yield Record(scene=number, t=grid, physics=physics, analog=analog, values=values)
 
 
-def _parts(scenes: Iterable[Scene], dt: float) -> Iterator[tuple[int, Scene, float, Array]]:
+def _parts(scenes: Iterable[Scene], dt: float, part_s: float) -> Iterator[tuple[int, Scene, float, Array]]:
     """Yield number, scene, start of the scene [s] and times (T,) from the start of the run [s], long scenes in
     parts.
     """
-    begin, most = 0.0, round(PART_S / dt)
+    begin, most = 0.0, round(part_s / dt)
     for number, scene in enumerate(scenes):
         first, after = ceil(begin / dt), ceil((begin + scene.duration) / dt)
         for k in range(first, max(after, first + 1), most):

@@ -69,6 +69,7 @@ class FleetReading:
     watch: receives the progress
     say:   receives sentences
     flush: receives the results so far, from time to time
+    flush_s: time after which the results so far can be read [s]
     """
 
     found: Sequence[Stored]
@@ -77,6 +78,7 @@ class FleetReading:
     watch: Watch
     say: Say
     flush: Flush
+    flush_s: float = FLUSH_S
     _texts: dict[str, str] = field(default_factory=dict)
     _outcomes: dict[str, Summary] = field(default_factory=dict)
     _flushed: float = 0.0
@@ -112,7 +114,7 @@ class FleetReading:
             self._take(job, known[job.address], came)
             done.append(job.address)
             self.watch("recordings", len(done) / count)
-            if monotonic() - self._flushed > FLUSH_S:
+            if monotonic() - self._flushed > self.flush_s:
                 self.flush(self.so_far())
                 self.kept.remember()
                 self._flushed = monotonic()

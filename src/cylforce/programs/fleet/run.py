@@ -14,7 +14,7 @@ from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.usual_file import UsualOfType, write_usual
 from cylforce.programs.fleet.analysis import Analysis, OfType, Ordered, analysed
 from cylforce.programs.fleet.booking import bookings
-from cylforce.programs.fleet.gathering import FleetReading, Gathered
+from cylforce.programs.fleet.gathering import FLUSH_S, FleetReading, Gathered
 from cylforce.programs.fleet.kept import KeptResults
 from cylforce.programs.fleet.result import FleetChange, FleetResult
 from cylforce.programs.fleet.rows import course_rows, write_rows
@@ -35,6 +35,7 @@ class Wanted(NamedTuple):
     report:     page to be written; None: none
     cache:      folder of results of earlier runs; None: nothing is kept
     weights:    whether weights of working recordings are booked
+    flush_s:    time after which the results so far can be read [s]
     """
 
     recordings: tuple[str, ...]
@@ -43,6 +44,7 @@ class Wanted(NamedTuple):
     report: Path | None = None
     cache: Path | None = None
     weights: bool = True
+    flush_s: float = FLUSH_S
 
 
 def run_fleet(wanted: Wanted, where: Where, watch: Watch = silent, say: Say = print) -> FleetResult:
@@ -54,7 +56,7 @@ def run_fleet(wanted: Wanted, where: Where, watch: Watch = silent, say: Say = pr
     def flush(so_far: Sequence[Gathered]) -> None:
         write_rows(wanted.output, [_facts(each) for each in so_far])
 
-    gathered = FleetReading(found, kept, where, watch, say, flush).gathered()
+    gathered = FleetReading(found, kept, where, watch, say, flush, wanted.flush_s).gathered()
     watch("what changed, what is usual", None)
     analysis = analysed(gathered)
     changed = tuple(_changes(analysis))

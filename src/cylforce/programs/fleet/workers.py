@@ -36,10 +36,16 @@ class Where(NamedTuple):
 
     scheduler: address of a scheduler; None: local processes
     workers:   number of local processes; 0: only this one
+    retries:   how often a task is tried again whose worker ended
+    connect_s: time in which a scheduler must answer [s]
+    ahead:     number of tasks given to each worker
     """
 
     scheduler: str | None = None
     workers: int = 2
+    retries: int = RETRIES
+    connect_s: float = CONNECT_S
+    ahead: int = AHEAD
 
 
 Jobs = Sequence[tuple[Any, ...]]
@@ -64,12 +70,19 @@ def computed(
 
     with _client(where, say) as client:
         try:
-            _distributed(client, function, jobs, common, take)
+            _distributed(client, function, jobs, common, take, where.ahead)
         except (CancelledError, ClosedClientError, CommClosedError) as error:
             raise RecordingError(ENDED) from error
 
 
-def _distributed(client: Any, function: Callable[..., Any], jobs: Jobs, common: tuple[Any, ...], take: Take) -> None:  # noqa: ANN401 - Dask has no types
+def _distributed(
+    client: Any,  # noqa: ANN401 - Dask has no types
+    function: Callable[..., Any],
+    jobs: Jobs,
+    common: tuple[Any, ...],
+    take: Take,
+    ahead: int,
+) -> None:
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
@@ -83,8 +96,8 @@ def _distributed(client: Any, function: Callable[..., Any], jobs: Jobs, common: 
         return future
 
     ended = []  # with their worker, which may have been another task's fault
-    ahead = AHEAD * max(len(client.scheduler_info()["workers"]), 1)
-    running = as_completed([submit(job) for job in islice(waiting, ahead)])
+    begun = ahead * max(len(client.scheduler_info()["workers"]), 1)
+    running = as_completed([submit(job) for job in islice(waiting, begun)])
     for future in running:
         job, came = job_of.pop(future.key), _outcome(future)
         if isinstance(came, KilledWorker):
@@ -124,14 +137,14 @@ def _client(where: Where, say: Say) -> Iterator[Any]:
         "distributed.nanny.pre-spawn-environ": dask.config.get("distributed.nanny.pre-spawn-environ") | ALLOCATOR,
         **{f"distributed.worker.memory.{name}": value for name, value in MEMORY_LIMITS.items()},
         "distributed.worker.profile.enabled": PROFILER,
-        "distributed.scheduler.allowed-failures": RETRIES,
-        "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
+        "distributed.scheduler.allowed-failures": where.retries,
+        "distributed.comm.timeouts.connect": f"{where.connect_s:g}s",
         "distributed.deploy.lost-worker-timeout": f"{RESTART_S:g}s",
     }
     with dask.config.set(settings):
         if where.scheduler is not None:
             cure = f"--scheduler {where.scheduler}: cannot be reached (start it, or check the address)"
-            client = within(CONNECT_S + 5.0, lambda: Client(where.scheduler, timeout=CONNECT_S), cure)
+            client = within(where.connect_s + 5.0, lambda: Client(where.scheduler, timeout=where.connect_s), cure)
             with client:
                 _check_version(client)
                 say(f"scheduler {where.scheduler}, {len(client.nthreads())} workers; dashboard {client.dashboard_link}")

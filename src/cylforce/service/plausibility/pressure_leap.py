@@ -66,13 +66,16 @@ Pairs = tuple[tuple[int, int], ...]
 class LeapTest:
     """Comparison of curves through the readings of one machine's pressures.
 
-    kernel:    compiled or interpreted functions
-    signals:   (P,) numbers of the pressures
-    exchanges: possible swaps as pairs of pressure numbers: both sides of a cylinder; the nodes of two cylinders
-    every:     steps between two readings, so many that the slowest signal is sent anew for each reading
-    least:     log likelihood ratio from which on a step is suspected; infinite for a machine without pressures
-    gate:      (P,) change between two readings below which nothing is tested: half of the least step that could be
-               suspected, which is that of two signals [Pa]
+    kernel:     compiled or interpreted functions
+    signals:    (P,) numbers of the pressures
+    exchanges:  possible swaps as pairs of pressure numbers: both sides of a cylinder; the nodes of two cylinders
+    pairs:      pairs of all exchanges one after the other, as the kernel takes them; -1 where an exchange has fewer
+    most_pairs: largest number of pairs of an exchange
+    every:      steps between two readings, so many that the slowest signal is sent anew for each reading
+    least:      log likelihood ratio from which on a step is suspected; infinite for a machine without pressures
+    gate:       (P,) change between two readings below which nothing is tested: half of the least step that could be
+                suspected, which is that of two signals [Pa]
+    curves:     (WINDOW, DEGREE+2) orthonormal polynomials up to DEGREE, then a step
     """
 
     def __init__(self, machine: Machine, rate_hz: float, kernel: Kernel | None = None) -> None:
@@ -83,18 +86,17 @@ class LeapTest:
         tests = 3600.0 * HOURS * rate_hz * (len(own) + len(self.exchanges))
         self.least = log(tests) if tests else inf
         self._noise = np.array([max(s.standard_error, RESOLVED) ** 2 for s in own])  # variance (P,) [Pa^2]
-        self._curves = _curves()
-        self._rise = float(self._curves[BEFORE:, -1].sum())  # of the orthonormal step
+        self.curves = _curves()
+        self._rise = float(self.curves[BEFORE:, -1].sum())  # of the orthonormal step
         widths = np.log(np.array([s.high - s.low for s in own]) / np.sqrt(2.0 * pi * self._noise))
         # Occam factors (P,) [nats], width of the prior over that of the posterior: a step may have any size within the
         # sensor's range, either way; all readings after a blow may have any value
         self._any_step = widths + log(2.0 * abs(self._rise))
         self._anything = AFTER * (widths - 0.5)
         self.gate = self._gate()
-        # pairs of each exchange as the kernel takes them, and the largest number of pairs
-        self._most_pairs = max(map(len, self.exchanges), default=0)
-        filled = [(*pairs, *[(-1, -1)] * (self._most_pairs - len(pairs))) for pairs in self.exchanges]
-        self._pairs = counts(p for pairs in filled for pair in pairs for p in pair)
+        self.most_pairs = max(map(len, self.exchanges), default=0)
+        filled = [(*pairs, *[(-1, -1)] * (self.most_pairs - len(pairs))) for pairs in self.exchanges]
+        self.pairs = counts(p for pairs in filled for pair in pairs for p in pair)
 
     def _gate(self) -> Numbers:
         many = 2 * (FREE + KNOWN)
@@ -108,8 +110,8 @@ class LeapTest:
         """
         window = np.ascontiguousarray(readings[-WINDOW:])
         size, bends = window.shape[1], DEGREE + 1
-        limits = (self._curves, bends, self._noise, float(FREE), float(KNOWN), self.least)
-        exchanges = (self._pairs, len(self.exchanges), self._most_pairs)
+        limits = (self.curves, bends, self._noise, float(FREE), float(KNOWN), self.least)
+        exchanges = (self.pairs, len(self.exchanges), self.most_pairs)
         room, misfit = ZERO * (2 * size * (bends + 2)), ZERO * (2 * size)
         # bit 0: a step is certain, bit 1: an exchange is
         found = self.kernel.sure_leaps(size, window, len(window), BEFORE, *limits, *exchanges, room, misfit)
@@ -125,7 +127,7 @@ class LeapTest:
         window:  (WINDOW, P) last readings [Pa]
         earlier: (T, P) readings before them [Pa]
         """
-        along = self._curves.T @ (window - window[0])
+        along = self.curves.T @ (window - window[0])
         left = ((window - window[0]) ** 2).sum(axis=0) - (along**2).sum(axis=0)
         known = self._noise_before(earlier)
         plain, stepped = self._unlikely(left + along[-1] ** 2, known), self._unlikely(left, known)
@@ -143,7 +145,7 @@ class LeapTest:
         if len(earlier) < KEPT:
             return None
         pieces = earlier.reshape(PIECES, WINDOW, -1) - earlier.reshape(PIECES, WINDOW, -1)[:, :1]
-        left = (pieces**2).sum(axis=1) - ((self._curves[:, :-1].T @ pieces) ** 2).sum(axis=1)
+        left = (pieces**2).sum(axis=1) - ((self.curves[:, :-1].T @ pieces) ** 2).sum(axis=1)
         return np.asarray(np.maximum(left.mean(axis=0) / (FREE + 1), self._noise))
 
     def _unlikely(self, left: Array, known: Array | None) -> Array:
@@ -180,7 +182,7 @@ class LeapTest:
         """Return the squared residuals (P, P) [Pa^2] of curves through two pressures.
 
         Element (a, b) is that of a curve through the first readings of a and the last readings of b."""
-        curves, first, last = self._curves[:, :-1], window[:BEFORE], window[BEFORE:]
+        curves, first, last = self.curves[:, :-1], window[:BEFORE], window[BEFORE:]
         one, other = curves[:BEFORE].T @ first, curves[BEFORE:].T @ last
         squares = (first**2).sum(axis=0)[:, None] + (last**2).sum(axis=0)
         return np.asarray(squares - ((one[:, :, None] + other[:, None, :]) ** 2).sum(axis=0))
