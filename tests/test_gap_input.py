@@ -257,6 +257,18 @@ def test_references_of_which_one_looks_like_work_beside_the_other_are_named(orde
     assert alike(MODEL, named(order)).warnings == []
 
 
+def test_a_reference_of_work_is_left_out_beside_others(order):
+    """A third of it is empty; while it carries a load, pressures are those of the same motion with the load."""
+    work = moved(5)
+    third = len(work) // 3
+    work[third:] = moved(5, load=KILOGRAMS)[third:]
+    found = alike(MODEL, [*named(order), Recording("work", work, 0.0)])
+    assert [each.name for each in found.kept] == [each.name for each in named(order)]
+    assert len(found.warnings) == 1
+    assert "work shows contact or unknown loads" in found.warnings[0]
+    assert [each.name for each in alike(MODEL, [Recording("work", work, 0.0)]).kept] == ["work"]
+
+
 def test_references_that_are_none_are_named_and_the_diagnosis_goes_on(order, folder):
     """One with clocks apart, one with a frozen sensor; two are left, and the field is as these are."""
     paths = [written(folder / f"reference_{k}.csv", values) for k, values in enumerate(order[:2])]

@@ -327,6 +327,19 @@ def test_all_blocks_of_a_machine_that_does_not_work_count(seed):
     assert np.all(kept(worked(np.random.default_rng(seed))))
 
 
+def test_a_known_load_away_from_the_origin_is_no_work_beside_a_machine_that_works():
+    """The centre of each known load is unknown."""
+    rng = np.random.default_rng(4)
+    loaded, working = worked(rng), worked(rng, 900.0, 2e4)
+    centre = slice(OWN + LOAD + 1, OWN + LOAD + 3)
+    loaded[..., centre] = 9.81 * rng.uniform(-1.0, 1.0, (len(loaded), ROWS, 2))
+    loaded[..., -1] += loaded[..., centre] @ np.array([1500.0, -700.0])
+    recordings = [Recording("loaded", np.zeros((1, 1)), load_kg=1000.0), Recording("work", np.zeros((1, 1)))]
+    found = quiet_blocks(Columns(), [loaded, working], recordings)
+    assert np.all(found[0])
+    assert np.array_equal(found[1], (QUARTER == 0) | (QUARTER == 3))
+
+
 def test_blocks_in_which_nothing_is_usable_are_no_work():
     rows = worked(np.random.default_rng(1), 900.0, 2e4)
     rows[: COUNT // 8 * BLOCK_ROWS] = np.nan

@@ -740,13 +740,14 @@ def quiet_blocks(layout: ColumnLayout, rows: Sequence[TorqueRows], recordings: S
     blocks with the least residual, starting from many single blocks. Then all blocks count in which no plausible load
     or force at the teeth is significant. If no block would remain, all count.
     """
-    blocks, loads = [], []
+    loaded, blocks = list(dict.fromkeys(each.name for each in recordings if each.load_kg)), []
     for r, each in zip(rows, recordings, strict=True):
         whole = layout.columns(r, each)
-        own = np.concatenate([whole[..., : layout.first], whole[..., layout.size :]], axis=-1)
+        centre = whole[..., layout.size + 1 : layout.size + 1 + CENTRE]
+        centres = [centre * float(name == each.name) for name in loaded]
+        own = np.concatenate([whole[..., : layout.first], *centres, whole[..., layout.size :]], axis=-1)
         blocks.append(np.asarray(in_blocks(np.where(np.all(np.isfinite(own), axis=-1, keepdims=True), own, 0.0))))
-        loads.append(each.load_kg > 0.0)
-    kept = _Trimmed(layout, np.concatenate(blocks)).kept()
+    kept = _Trimmed(layout, len(loaded), np.concatenate(blocks)).kept()
     ends = np.cumsum([len(b) for b in blocks])[:-1]
     return [np.asarray(part) for part in np.split(kept if np.any(kept) else np.ones_like(kept), ends)]
 
@@ -769,15 +770,17 @@ class _Trimmed:
     """Least trimmed squares of blocks.
 
     layout: order of the columns
-    blocks: (B, BLOCK_ROWS, R, P' + I + 1) own columns, incidental ones, the residual
+    loads:  number of recordings with a known load, each with a centre of its own
+    blocks: (B, BLOCK_ROWS, R, P' + I + 1) own columns and centres of loads, incidental columns, the residual
     """
 
     layout: ColumnLayout
+    loads: int
     blocks: Array
 
     @cached_property
     def _size(self) -> int:
-        return self.layout.first
+        return self.layout.first + CENTRE * self.loads
 
     @cached_property
     def _products(self) -> Array:
@@ -790,7 +793,8 @@ class _Trimmed:
 
     @cached_property
     def _prior(self) -> Array:
-        return np.diag(self.layout.unit[: self._size] ** -2.0)
+        spread = np.concatenate([self.layout.unit[: self.layout.first], np.tile(LOAD_CENTRE, self.loads)])
+        return np.diag(spread**-2.0)
 
     def kept(self) -> Mask:
         """Return the blocks (B,) that count; blocks without usable rows are included."""
