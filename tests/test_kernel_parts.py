@@ -112,7 +112,7 @@ def test_friction_at_rest_is_one_sample_however_noisy_the_speed_is(kernel):
     """One that is read as motion now and then is no new rest; as many steps of motion allow as many at rest."""
     rng, patience = np.random.default_rng(SEED), 50
     model = Model(load(EXCAVATOR).service.machine, load(EXCAVATOR).service.filters, FRICTION)
-    made = solver(model, model.data_sheet, kernel, Limits(patience=float(patience)))
+    made = solver(model, model.data_sheet, kernel, Limits(longest_rest=float(patience)))
     size, drifts = len(model.parameters), len(model.changing)
     rows, lift = np.ones((3, len(model.filtered.regressor.names) + 1)), np.zeros(40 + 4 * (size + drifts))
     known, unsure = np.zeros(drifts), np.zeros((drifts, drifts))

@@ -18,16 +18,32 @@ ZERO = array("d", [0.0])
 
 
 class Limits(NamedTuple):
-    """Limits of the service, by the names that they have there; 1 where a caller does not use one."""
+    """Limits of the service that the kernel uses; 1 where a caller does not use one.
+
+    Weighing (`service.weighing`):
+    gate:         mean squared normalised innovation above which an instant does not fit the load
+    break_away:   factor on the standard error of friction at rest, for break-away friction
+    cold:         factor on the standard error of the drift, for cold oil
+    drifted:      largest variance that unknown drift adds, in variances of the row
+    memory:       consecutive samples that count as one independent sample
+    longest_rest: steps at rest after which a row is not taken into a lift
+
+    Force at the tool (`service.contact.noise`):
+    keep:         factor by which an error of the instant fades in a step
+    delay_s:      delay of the torque of inertia [s]
+    largest:      largest squared normalised residual from which the variance is learned
+    learning:     samples in which the learned variance follows
+    heaviest:     largest weight of a mass in the bucket [N]
+    """
 
     gate: float = 1.0
     break_away: float = 1.0
     cold: float = 1.0
     drifted: float = 1.0
     memory: float = 1.0
-    patience: float = 1.0
+    longest_rest: float = 1.0
     keep: float = 1.0
-    late: float = 1.0
+    delay_s: float = 1.0
     largest: float = 1.0
     learning: float = 1.0
     heaviest: float = 1.0
@@ -45,9 +61,10 @@ def solver(
 ) -> KernelSolver:
     """Return the kernel's solver of a model with its tares.
 
-    kernel: form of the kernel
+    kernel: form of the kernel, compiled or interpreted
     limits: of the service
-    prior:  (T, T) information on force and moment at the tool; None: none, T = 3
+    prior:  (T, T) prior information on the force x, z [1/N^2] and moment [1/(N m)^2] at the tool; T = 3, or 2 without
+            the moment; None: no information, T = 3
     """
     rows, size, tools = len(model.machine.rows), len(model.parameters), 3 if prior is None else len(prior)
     cylinders, drifts = len(model.machine.cylinders), len(model.changing)

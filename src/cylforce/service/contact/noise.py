@@ -68,7 +68,7 @@ class NoiseConstants(Constants):
         rate_hz = model.filters.rate_hz
         keep = float(np.exp(-1.0 / (FADING_S * rate_hz)))
         heaviest = HEAVIEST * model.machine.rated_payload * STANDARD_GRAVITY
-        limits = Limits(keep=keep, late=LATE_S, largest=LARGEST, learning=LEARNING_S * rate_hz, heaviest=heaviest)
+        limits = Limits(keep=keep, delay_s=LATE_S, largest=LARGEST, learning=LEARNING_S * rate_hz, heaviest=heaviest)
         self.solver = solver(model, tares, self.kernel, limits, prior(model.machine, rated_force))
         learned = np.broadcast_to((PRIOR * tares.row_error) ** 2, (rows,))
         self.learned = array("d", learned.tolist())
