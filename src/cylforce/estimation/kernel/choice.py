@@ -98,8 +98,10 @@ class Choice(NamedTuple):
 
 @cache
 def choice() -> Choice:
-    """Return the choice, which is made once. Source and compiled form are read as Python itself reads them when it
-    imports."""
+    """Return the kernel to use and, if the compiled one was refused, why. The choice is made once per process.
+
+    The compiled kernel is used if it is beside the source, was compiled from this source (checksum), and can be
+    imported by this processor and Python. Both are read as Python reads them when it imports, also from an archive."""
     here = files(__package__)
     built = [entry.name for entry in here.iterdir() if entry.name.startswith(f"{COMPILED}.")]
     if not built:
@@ -115,7 +117,8 @@ def choice() -> Choice:
 def judged(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
     """Return the compiled kernel if it was compiled from this source, otherwise the interpreted one.
 
-    text: checksum of the source
+    compiled: imported module, whose `TEXT` is the checksum of the source from which it was compiled
+    text:     checksum (CRC 32) of the source
     """
     if getattr(compiled, "TEXT", None) == text:
         return Choice(compiled)

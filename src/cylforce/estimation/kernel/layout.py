@@ -137,8 +137,8 @@ class ConclusionLayout:
     x, z:             centre of the load [m]
     x_error, z_error: standard errors of the centre [m]
     drifted:          standard error of the first moment by the drift [kg m]
-    size:             of all numbers; the last ones are (P + D,) change of the mass per unit of each tare and drift, sign
-                      reversed
+    size:             of all numbers; the last ones are (P + D,) change of the mass per unit of each tare and drift,
+                      sign reversed
     """
 
     def __init__(self, parameters: int, drifts: int) -> None:

@@ -94,15 +94,15 @@ def solver(
 
 
 def room(size: int) -> Numbers:
-    """Return an array for results of the kernel."""
+    """Return an array of `size` zeros, for results of the kernel."""
     return ZERO * size
 
 
 def listed(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return an interpreted function for arrays.
+    """Return an interpreted function of the kernel that also takes NumPy arrays.
 
-    It takes their numbers as lists, which are read several times faster. Where the function writes, its argument must
-    be an array of the kernel, which is passed as it is."""
+    NumPy arrays are passed as lists, which the interpreter reads several times faster. An argument that the function
+    writes must be an array of the kernel (`array.array`), which is passed as it is: a list would be a copy."""
 
     def called(*arguments: Any) -> Any:  # noqa: ANN401 - what the function takes and gives
         return function(*[plain(each) for each in arguments])
