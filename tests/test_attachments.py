@@ -270,7 +270,7 @@ def weights(*given, limit=75.0):
     check, found = ToolCheck(), []
     for mass in given:
         check.take(mass, limit, empty=abs(mass) <= limit, impossible=mass < -limit)
-        found.append(check.off)
+        found.append(check.empty_weight)
     return found
 
 
@@ -310,9 +310,9 @@ class TestOtherTool:
         state = WeighingService.start(core)
         for event in events:
             fed(state, event)
-            if state.tool_check.off is not None:
+            if state.tool_check.empty_weight is not None:
                 break
-        assert state.tool_check.off == pytest.approx((factor - 1.0) * bucket.mass, rel=0.3)
+        assert state.tool_check.empty_weight == pytest.approx((factor - 1.0) * bucket.mass, rel=0.3)
         assert state.estimate.gross.reason is Reason.OTHER_TOOL
         assert state.estimate.gross.status is not Status.OK
         assert state.estimate.booking is None

@@ -186,7 +186,7 @@ class Daemon(Station):
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
         missed = self.weighing.bookings.missed.number
-        off = self.weighing.tool_check.off
+        off = self.weighing.tool_check.empty_weight
         now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked, missed, off is not None)
         if now[:2] != self._logged[:2]:
             self._say_measurement(reason)

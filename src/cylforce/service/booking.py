@@ -303,9 +303,14 @@ class Bookings(Estimator):
         return min(error(left, drift), error(difference(lifted, left), drift)) <= enough
 
     def _certain_error(self, slopes: Array | None) -> float:
-        """Return the largest error [kg] of a weight by the certain part of one signal's error.
+        """Return the largest error [kg] of a weight by the certain part of one signal's error; 0 if nothing is known.
 
-        The errors of the signals explain the same torques, so that one of them counts and not their sum."""
+        The certain part of a probable error is what exceeds its own noise (`ProbableErrors.expected_certain`, (H,), in
+        the units of the signals). The errors of the H signals explain the same torques, so that one of them counts and
+        not their sum.
+
+        slopes: (H,) change of the mass per unit of each signal's error [kg per unit]; None: not known
+        """
         if slopes is None or self.probable is None:
             return 0.0
         return float(np.abs(slopes * self.probable.expected_certain).max(initial=0.0))

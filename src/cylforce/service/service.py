@@ -248,6 +248,10 @@ class WeighingService(Estimator):
         self.frames.clear()
 
     def _obey(self, command: commands.Command) -> Answer:
+        """Execute a command, and return its answer: verdict (0: done, else the SDO abort code) and words for a person.
+
+        A tool command changes the tool; a scale command sets zero or tare to the present load; a loading command with
+        the sub-index ADD books a bucket by hand, any other one changes the truck that is being loaded."""
         if isinstance(command, commands.ToolCommand):
             return self._change_tool(command.number)
         if isinstance(command, commands.ScaleCommand):
@@ -256,9 +260,9 @@ class WeighingService(Estimator):
             return answer
         if command.sub == commands.ADD:
             return self._book_by_hand(command.data)
-        ruling = commands.obey_loading(command, self.truck)
-        self.truck = ruling.truck
-        return Answer(ruling.verdict, ruling.words)
+        decision = commands.obey_loading(command, self.truck)
+        self.truck = decision.truck
+        return Answer(decision.verdict, decision.words)
 
     def _book_by_hand(self, data: bytes) -> Answer:
         """Book a bucket that was not weighed. The booking before it does not become more precise any more."""
@@ -268,9 +272,14 @@ class WeighingService(Estimator):
         return Answer(ruling.verdict, ruling.words)
 
     def _change_tool(self, number: int) -> Answer:
-        """Choose a tool: the weighing begins anew, zero and tare are 0, and a load in the bucket is not booked.
+        """Choose a tool, and return the answer: the weighing begins anew, and a load in the bucket is not booked.
 
-        The drift stays, because friction and pressure zeros are the arm's."""
+        Zero and tare become 0. The drift stays, because friction and pressure zeros are the arm's. The frames that were
+        received before the command are decoded first, with the constants of the old tool. If the command is refused
+        (verdict not 0), or the tool is the present one, nothing changes.
+
+        number: of the tool
+        """
         tool, answer = commands.chosen_tool(number, self.core.service.tools, self.tool)
         if answer.verdict or tool == self.tool:
             return answer
@@ -447,8 +456,16 @@ class WeighingService(Estimator):
         """Return the published estimate: load, load less zero (gross), less tare (net), and forces.
 
         Load and forces are INVALID while a signal is rejected, and DEGRADED for the reasons of `_doubts`. Forces are
-        DEGRADED while the house slews fast and the tool seems to be in contact. Gross and net are INVALID outside their
-        declared range."""
+        DEGRADED while the house slews fast and the tool seems to be in contact. The first reason that degrades a
+        quantity remains, and an INVALID one stays so. A load that no load can be (NOT_A_LOAD) is INVALID because of
+        OTHER_TOOL while another tool is suspected. The standard error of the mass includes the error by undetected
+        sensor faults. Gross and net are INVALID outside their declared range, or with a standard error of the rated
+        payload or more.
+
+        load:   mass [kg] and its centre x, z [m] before zero and tare
+        forces: resultant at the tool, and the soil's part of it [N]
+        t_us:   of the tick [us]
+        """
         resultant, soil = forces.resultant, forces.soil
         if self.monitor.suspicion.level is Level.REJECTED:
             reason = Reason.NOT_THIS_MACHINE if self.recognizer.another else Reason.SENSORS_DISAGREE
@@ -460,7 +477,7 @@ class WeighingService(Estimator):
         for reason in self._doubts(t_us):
             change = partial(degraded, reason=reason)
             load, resultant, soil = load.changed(change), resultant.changed(change), soil.changed(change)
-        if self.tool_check.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
+        if self.tool_check.empty_weight is not None and load.mass.reason is Reason.NOT_A_LOAD:
             load = invalid_load(Reason.OTHER_TOOL)
         mass = load.mass
         if mass.status is not Status.INVALID:
@@ -482,11 +499,21 @@ class WeighingService(Estimator):
         )
 
     def _doubts(self, t_us: int) -> list[Reason]:
-        """Return the reasons for which no published quantity is OK."""
+        """Return the reasons for which no published quantity is OK, the most important first.
+
+        NOT_THIS_MACHINE:  the motion is that of another machine than the identified one (only with identified tares)
+        OTHER_TOOL:        another tool than the chosen one is suspected
+        NOT_CONFIRMED:     the identified parameters were sealed on another controller: they may be another machine's
+        SENSORS_DISAGREE:  a sensor fault is suspected, or bookings wait because there is evidence of one
+        LONG_FRAME:        a frame longer than its mapping was received in the last LONG_FRAME_US
+        OWN_IDENTIFIER:    another node sends with one of our identifiers
+
+        t_us: of the tick [us]
+        """
         reasons = list[Reason]()
         if self.recognizer.another and self.fitted.tares.identified:
             reasons.append(Reason.NOT_THIS_MACHINE)
-        if self.tool_check.off is not None:
+        if self.tool_check.empty_weight is not None:
             reasons.append(Reason.OTHER_TOOL)
         if self.bookings.unconfirmed:
             reasons.append(Reason.NOT_CONFIRMED)

@@ -168,8 +168,8 @@ class _Table:
     def used(self) -> tuple[list[int], list[int]]:
         """Return the places in a (R, K) table that can differ from zero, and those of them that have momentum.
 
-        A place is row K + column. A link moves the joints before it. A cylinder acts on the joints that it spans, and its weight also on those
-        that carry it."""
+        A place is row K + column. A link moves the joints before it. A cylinder acts on the joints that it spans, and
+        its weight also on those that carry it."""
         machine, size = self._model.machine, len(self.names)
         farthest = {k: i // 3 for i, k in enumerate(self.rigid)} | {k: i // 2 for i, k in enumerate(self.slewed)}
         farthest |= {self.names["tip.x"] + i: machine.size for i in range(3)}

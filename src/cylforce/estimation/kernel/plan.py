@@ -203,8 +203,9 @@ def sense(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
     """Compute the channels from the values of all signals, and return how many tilts of the chassis are too large.
 
     The D channels are N joint angles [rad], C cylinder forces [N], then motion of the base: with an inertial sensor its
-    rate [rad/s] and two specific forces [m/s^2]; pitch and roll [rad], slew rate [rad/s] or angle [rad]. An inclinometer
-    measures a link's angle from the true horizontal: the angles of the joints before it and the pitch are subtracted.
+    rate [rad/s] and two specific forces [m/s^2]; pitch and roll [rad], slew rate [rad/s] or angle [rad]. An
+    inclinometer measures a link's angle from the true horizontal: the angles of the joints before it and the pitch are
+    subtracted.
 
     Read:
     values: (S,) of all signals [SI]

@@ -99,11 +99,19 @@ class ContactDetector(Estimator):
     ) -> None:
         """Update contact and events with one instant.
 
+        The clearness of a force is f' C^-1 f of the force f (without the weight of a mass in the bucket) with
+        covariance C: its squared ratio to its standard error. A contact begins with a clearness above BEGINS and a
+        force that is large enough. It ends when the clearness has stayed below ENDS for ENDING_S. Only a beginning is
+        judged with the error by latency, because a sharp start of the arm resembles a force until the delayed torque of
+        inertia follows. The clearness without that error is the larger one; it is compared first, because it is known
+        already.
+
         t_us:     time [us]
-        force:    at the tool
+        force:    at the tool: components forwards and upwards [N], clearness, weight [N] of the mass in the bucket that
+                  explains most of the force (positive; it acts downwards, so that it is added to z to remove it)
         late:     error (x, z) of the force by its latency [N]
         place:    of the teeth, x + i z [m]
-        velocity: of the teeth [m/s]
+        velocity: of the teeth [m/s], complex like the place
         """
         dt, way = self.constants.dt, abs(velocity) * self.constants.dt
         del self.forces[0], self.paths[0]
@@ -121,7 +129,7 @@ class ContactDetector(Estimator):
                 self._check_slope(t_us, place)
             return
         self.seconds = self.path = 0.0
-        large = hypot(force.x, force.z + force.weight) > self.constants.smallest
+        large = hypot(force.x, force.z + force.weight) > self.constants.smallest  # without the weight in the bucket
         if force.clearness > BEGINS and large:
             self._begin(t_us, clearness(force, late), place)
 
