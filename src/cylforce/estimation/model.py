@@ -155,6 +155,7 @@ class Model:
 
     @cached_property
     def _slews(self) -> bool:
+        """Whether a sensor measures the slewing of the house."""
         return any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)
 
     @cached_property
@@ -277,10 +278,10 @@ class Model:
         return self._as_usual(with_bars(self.machine, tuple(place), Prior(mean, covariance)))
 
     def _as_usual(self, prior: Prior) -> Prior:
-        """Return the prior with the usual values of the type in place of the data sheet's.
+        """Return the prior of the P parameters with the usual values of the type in place of the data sheet's.
 
-        A model without columns for the bars of linkages has the bars within its links. The type's values of links
-        exclude the bars, so that they are skipped then."""
+        They are independent of all others. A model without columns for the bars of linkages has the bars within its
+        links. The type's values of links exclude the bars, so that they are skipped then."""
         place = {p.name: k for k, p in enumerate(self.parameters)}
         mean, covariance = prior.mean.copy(), prior.covariance.copy()
         first = 0 if BARS in self.friction or not of_bars(self.machine) else 3 * self.machine.size
@@ -296,9 +297,9 @@ class Model:
         guesses = []
         if self._slews:
             for link in self.machine.links:
-                told = slewing(link, tool=link is self.machine.links[-1])
-                guesses.append((f"{link.name}.D_excess", told.excess, told.excess_error))
-                guesses.append((f"{link.name}.E", told.product, told.product_error))
+                terms = slewing(link, tool=link is self.machine.links[-1])
+                guesses.append((f"{link.name}.D_excess", terms.excess, terms.excess_error))
+                guesses.append((f"{link.name}.E", terms.product, terms.product_error))
         for law in self.friction:
             if law == BARS:
                 continue

@@ -35,6 +35,7 @@ class Regressor:
 
     @cached_property
     def _places(self) -> tuple[Array | slice, ...]:
+        """For each effect the numbers of its columns among all P."""
         places = {p: k for k, p in enumerate(self.parameters)}
         return tuple(_compact([places[p] for p in e.parameters(self.machine)]) for e in self.effects)
 
@@ -46,11 +47,14 @@ class Regressor:
 
     @cached_property
     def _rows(self) -> tuple[int, ...] | slice:
+        """Joints whose torque is measured, as an index of the joints' axis."""
         rows = self.machine.rows
         return slice(None) if rows == tuple(range(self.machine.size)) else rows
 
     def both_halves(self, moving: Motion) -> tuple[Array, Array]:
-        """Return momentum and static columns, each (..., R, P)."""
+        """Return momentum and static columns, each (..., R, P): torque = d/dt (momentum @ p) + static @ p.
+
+        Columns of a parameter that several effects share are added."""
         shape = (*moving.q.shape[:-1], self.machine.size, len(self.parameters))
         momentum, static = np.zeros(shape), np.zeros(shape)
         for effect, places, shared in zip(self.effects, self._places, self._shared, strict=True):
@@ -149,10 +153,10 @@ class FilteredRegressor:
         return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
     def _begun(self, static: Array) -> Array:
-        """Return the state of the filter `mean` before the first sample, as if the input had been zero until then.
+        """Return the state (3, ...) of the filter `mean` before the first sample `static` (...).
 
-        The first groups of four samples contain only a part of a step since then: 0, 1/3 and 2/3 of it for the first
-        three outputs."""
+        It is as if the input had been zero until then. The first groups of four samples contain only a part of a step
+        since then: 0, 1/3 and 2/3 of it for the first three outputs."""
         return np.stack([share * static for share in self.shares])
 
     @cached_property

@@ -64,6 +64,7 @@ def parts(pieces: Iterable[Array], longest: int, size: int, least: int) -> Itera
 
 
 def _cut(part: Part, size: int, least: int) -> Iterator[Part]:
+    """Yield a part in pieces of `size` rows; the last one has less than `size + least`."""
     while len(part.values) >= size + least:
         yield Part(part.first, part.values[:size], part.goes_on)
         part = Part(part.first + size, part.values[size:], goes_on=True)
@@ -71,6 +72,11 @@ def _cut(part: Part, size: int, least: int) -> Iterator[Part]:
 
 
 def _bridged(values: Array, good: NDArray[np.intp]) -> Array:
+    """Return the samples from the first to the last good row, with the rows between interpolated linearly.
+
+    values: (T, S) samples
+    good:   numbers of the rows without NaN, in ascending order
+    """
     steps = np.arange(good[0], good[-1] + 1)
     if steps.size == good.size:
         return values[steps]

@@ -126,7 +126,11 @@ def degraded(quantity: Quantity, reason: Reason) -> Quantity:
 
 
 def within(quantity: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
-    """Return the quantity, INVALID if it lies outside `limits` or its standard error reaches `largest_error`."""
+    """Return the quantity, INVALID (OUT_OF_DECLARED_RANGE) if its value is out of range or its error is too large.
+
+    limits:        smallest and largest value, in the unit of the quantity
+    largest_error: standard error from which on the quantity is INVALID, in the same unit
+    """
     if quantity.status is Status.INVALID:
         return quantity
     value, error = quantity.value, quantity.standard_error
