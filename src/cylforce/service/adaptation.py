@@ -93,6 +93,12 @@ class DriftConstants(Constants):
     def __init__(
         self, model: Model, tares: Tares, strokes: BetweenStrokes | None = None, kernel: Kernel | None = None
     ) -> None:
+        """Compute the priors of drift and carry-back.
+
+        strokes: spread of friction and zeros between strokes, if they may have drifted by that only; None: they may
+                 have drifted as from day to day
+        kernel:  form of the kernel; None: the compiled one if there is one
+        """
         self.model, self.tares, self.strokes, self.kernel = model, tares, strokes, kernel or choice.chosen()
         if strokes is None:
             self.spread, self.correlation = daily_spread(model, tares.values), daily_correlation(model)

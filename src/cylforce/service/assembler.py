@@ -84,6 +84,7 @@ class AssemblerConstants(Constants):
     """
 
     def __init__(self, service: Service) -> None:
+        """Compile the PDOs of all sensor nodes of a machine file's `service` settings."""
         machine, self.service = service.machine, service
         self.kernel = choice.chosen()
         self.supervisor = Supervisor(service)
@@ -112,6 +113,7 @@ class AssemblerConstants(Constants):
         return FrameOrder(sorts, [pdo.size for pdo in found], Struct("<" + "".join(formats)))
 
     def _plan(self) -> KernelInputs:
+        """Return the kernel's constants of all signals and PDOs: places, scales, ranges and limits of plausibility."""
         machine, health, watcher = self.service.machine, self.service.health, self.supervisor
         found = [self.decoders[pdo.can_id] for _, pdo in watcher.pdos]
         slots = [slot for decoder in found for slot in decoder.slots]
@@ -155,7 +157,10 @@ class Assembler(Estimator):
 
     @classmethod
     def start(cls, constants: AssemblerConstants) -> Self:
-        """Return the state before any frame."""
+        """Return the state before any frame.
+
+        The signals have no value (reason SIGNAL_MISSING), the PDOs and heartbeats have never been received, and neither
+        a frame that is too long nor another sender of our identifiers has been seen."""
         layout = constants.layout
         made = cls(constants, ZERO * layout.size)
         for number in range(layout.signals):

@@ -316,10 +316,16 @@ class Bookings(Estimator):
         return float(np.abs(slopes * self.probable.expected_certain).max(initial=0.0))
 
     def _pass(self, now: Weighed, drift: DriftKnowledge) -> None:
-        """Report the candidate as missed if `now` is the weight of another load.
+        """Report the candidate, the last weight that waits for booking, as missed if `now` is that of another load.
 
-        It may be that of another load if an empty bucket was detected between them, but not accurately enough; if the
-        bucket has turned as for an unobserved dump; or if the measurement was interrupted."""
+        It may be that of another load if an empty bucket was detected between them, but not accurately enough
+        (`moving` is GONE); if the bucket has turned and back as for an unobserved dump, and the weight is smaller; or
+        if the measurement was interrupted (`remembered`). It is the same load if both weights agree, or if after an
+        interruption it is the remainder of a load that is being dumped.
+
+        now:   weight of a loaded bucket
+        drift: by which both weights are corrected
+        """
         before = self.candidate
         if before is None:
             return
@@ -334,10 +340,15 @@ class Bookings(Estimator):
         self._miss(before.corrected(drift), interrupted=self.remembered)
 
     def _better(self, now: Weighed, drift: DriftKnowledge) -> Weighed:
-        """Return the weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load.
+        """Return the weight to be booked: the candidate so far, or `now`.
 
-        A smaller load that is being dumped does not replace the candidate. A load that has become smaller without a
-        dump does, because a part of it was lost."""
+        Of two weights of the same load it is that of more samples in motion; the tilt remains that of the first one. A
+        smaller load that is being dumped does not replace the candidate. Any other load that differs by more than
+        AGREES standard errors does: the bucket has gained or lost a part of its load, or it is another load.
+
+        now:   weight of a loaded bucket
+        drift: by which both weights are corrected
+        """
         before = self.candidate
         if before is None or before.moving == GONE:
             return now

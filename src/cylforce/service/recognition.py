@@ -45,6 +45,10 @@ class RecognizerConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
+        """Compute the priors: a friction may have changed by FRICTION of its value, a zero by SHIFT [Pa].
+
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         self.kernel = kernel or choice.chosen()
         self.solver = solver(model, tares, self.kernel)
         zeros = [SHIFT * c.area_head for c in model.machine.cylinders]

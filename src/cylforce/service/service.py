@@ -171,7 +171,10 @@ class WeighingService(Estimator):
         Estimator.restore(self, state)
 
     def copied(self, core: Core | None = None) -> "WeighingService":
-        """Return another service in the same state, with the constants of `core` where given."""
+        """Return another service in the same state, which shares no state with this one.
+
+        core: constants of the other service; None: those of this one
+        """
         other = WeighingService.start(self.core if core is None else core)
         other.restore(self.snapshot())
         return other

@@ -57,7 +57,11 @@ class Kernel(Protocol):
         work: Flat,
         lift: Flat,
         /,
-    ) -> int: ...
+    ) -> int:
+        """Return whether an instant fits the load of a lift: 0 no, 1 yes, 2 yes and a usable row moves.
+
+        Which arguments are read and written, with shapes and units: see `weighed.gate`."""
+
     def take(self, s: Solver, rows: Flat, residual: Flat, work: Flat, lift: Flat, /) -> None: ...
     def conclude(self, s: Solver, lift: Flat, drift: Flat, drift_covariance: Flat, conclusion: Flat, /) -> None: ...
     def weigh_load(
@@ -74,7 +78,11 @@ class Kernel(Protocol):
         lift: Flat,
         conclusion: Flat,
         /,
-    ) -> int: ...
+    ) -> int:
+        """Update the state of a lift with one instant if it fits, and compute the mass and centre of its load.
+
+        Which arguments are read and written, with shapes and units: see `weighed.weigh_load`."""
+
     def without_load(
         self, s: Solver, rows: Flat, residual: Flat, lift: Flat, unexplained: Flat, values: Flat, /
     ) -> None: ...
@@ -92,7 +100,11 @@ class Kernel(Protocol):
         noise: Flat,
         force: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Compute the force at the tool at one instant from the residual torques, with its covariance.
+
+        Which arguments are read and written, with shapes and units: see `pushed.push`."""
+
     def show(
         self,
         s: Solver,
@@ -104,7 +116,11 @@ class Kernel(Protocol):
         resultant: Flat,
         ground: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Compute the two published forces: the resultant at the tool, and the force of the ground.
+
+        Which arguments are read and written, with shapes and units: see `pushed.show`."""
+
     def learn(self, s: Solver, force: Flat, good: Flat, load: Flat, noise: Flat, /) -> None: ...
     def fill(self, covariance: Flat, full: Flat, share: float, result: Flat, /) -> None: ...
     # recognised.py
@@ -120,7 +136,11 @@ class Kernel(Protocol):
         memory: float,
         gram: Flat,
         /,
-    ) -> int: ...
+    ) -> int:
+        """Add the normal equations of one instant to those of a block, and return the number of rows added.
+
+        Which arguments are read and written, with shapes and units: see `recognised.gather`."""
+
     def everyday(
         self, s: Solver, drift_covariance: Flat, stroke_errors: Flat, frictions: int, unknown: float, change: Flat, /
     ) -> None: ...
@@ -142,7 +162,11 @@ class Kernel(Protocol):
         friction_drift: Flat,
         gram: Flat,
         /,
-    ) -> int: ...
+    ) -> int:
+        """Add the normal equations of one instant to those of a block of the plausibility tests (`gather`).
+
+        Which arguments are read and written, with shapes and units: see `recognised.gather_block`."""
+
     def mislead(
         self,
         p: Plan,
@@ -160,7 +184,11 @@ class Kernel(Protocol):
         angle_torques: Flat,
         torques: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Compute the residual torque by a unit error of each signal: the sensitivity (R, H) to misleading readings.
+
+        Which arguments are read and written, with shapes and units: see `recognised.mislead`."""
+
     def rock(
         self,
         p: Plan,
@@ -180,7 +208,11 @@ class Kernel(Protocol):
         variances: Flat,
         base_variance: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Compute the variance that a rocking base adds to each row (measured torque).
+
+        Which arguments are read and written, with shapes and units: see `recognised.rock`."""
+
     def turn_force(
         self, p: Plan, channels: Flat, x: float, z: float, joints: Counts, angles: int, first: int, torques: Flat, /
     ) -> None: ...
@@ -195,7 +227,11 @@ class Kernel(Protocol):
         work: Flat,
         slopes: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Compute the change of the load's mass per unit of each signal's error: the first row of A^-1 B.
+
+        Which arguments are read and written, with shapes and units: see `recognised.notice`."""
+
     # followed.py
     def certain(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
     def follow(
@@ -212,7 +248,11 @@ class Kernel(Protocol):
         mass: float,
         update: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Update the drift of frictions and pressure zeros with one instant of an empty bucket.
+
+        Which arguments are read and written, with shapes and units: see `followed.follow`."""
+
     # heard.py
     def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
     def sure_leaps(
@@ -233,7 +273,12 @@ class Kernel(Protocol):
         products: Flat,
         misfit: Flat,
         /,
-    ) -> int: ...
+    ) -> int:
+        """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by an exchange of
+        plugs, 3 either, 0 none.
+
+        Which arguments are read and written, with shapes and units: see `heard.sure_leaps`."""
+
     def group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
     def compare(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
     def listen(
@@ -251,4 +296,7 @@ class Kernel(Protocol):
         work: Flat,
         state: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Update the noise of the pressures whose cylinder moved, with one group of readings.
+
+        Which arguments are read and written, with shapes and units: see `heard.listen`."""

@@ -27,6 +27,10 @@ class CarriedConstants(Constants):
     """
 
     def __init__(self, machine: Machine, kernel: Kernel | None = None) -> None:
+        """Compute the load of a full bucket, a rated payload in the middle of its reach.
+
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         self.kernel = kernel or choice.chosen()
         rated, middle = machine.rated_payload, machine.payload_reach / 2.0
         self.full = numbers([rated, rated * middle, 0.0, rated * middle**2])

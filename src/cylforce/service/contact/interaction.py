@@ -53,6 +53,14 @@ class ForceConstants(Constants):
     def __init__(
         self, model: Model, tares: Tares, rated_force: float, delay_s: float, kernel: Kernel | None = None
     ) -> None:
+        """Compute the constants.
+
+        model:       of the machine
+        tares:       identified parameters of the empty machine
+        rated_force: largest force that can be published [N]
+        delay_s:     delay of a published force behind the true one [s]
+        kernel:      form of the kernel; None: the compiled one if there is one
+        """
         self.sensor = ForceSensor(tares, rated_force)
         self.published = Lateness(delay_s, model.fast.dt)
         self.filtered = Lateness(model.fast.delay, model.fast.dt)

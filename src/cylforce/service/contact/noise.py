@@ -62,6 +62,11 @@ class NoiseConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, rated_force: float, kernel: Kernel | None = None) -> None:
+        """Compute the constants; times in seconds become factors and numbers of steps.
+
+        rated_force: largest force that can be published, the prior standard error of a force [N]
+        kernel:      form of the kernel; None: the compiled one if there is one
+        """
         self.kernel, rows = kernel or choice.chosen(), len(model.machine.rows)
         self.layout = ForceLayout(rows)
         self.size = rows**2 + len(model.machine.cylinders)

@@ -41,6 +41,13 @@ class BaseConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
+        """Compute the constants; times in seconds become numbers of steps.
+
+        The second difference of three mean pitches has 1 + 4 + 1 = 6 times the variance of one of them, which is that
+        of the sensor over the number of steps.
+
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         self.inertial, self.kernel, rate_hz = model.channels.inertial, kernel or choice.chosen(), model.filters.rate_hz
         self.lag = max(round(LAG_SECONDS * rate_hz), 1)
         self.lag_s, self.share = self.lag / rate_hz, self.lag / (MEMORY_SECONDS * rate_hz)

@@ -93,7 +93,9 @@ class Lift(Estimator):
 
     @property
     def gram(self) -> Array:
-        """Products (4, P + D) with columns of tares and drift; covariance @ gram is the load's sensitivity to them."""
+        """Products (4, P + D) of load columns with those of tares and drift, over each row's variance.
+
+        covariance @ gram is the load's sensitivity to tares and drift, with the sign reversed."""
         return part(self.numbers, LIFT.gram).reshape(4, -1)
 
     def error_by_drift(self, covariance: Array) -> float:
@@ -149,11 +151,11 @@ class Lift(Estimator):
 
 
 def lift_numbers(root: Root, gram: Array, estimate: tuple[Array, Array] | None = None) -> Numbers:
-    """Return the numbers of a lift as the kernel keeps them.
+    """Return the state of a lift as one flat array, in the kernel's order (`LiftLayout`).
 
-    root:     information on the load
-    gram:     (4, P + D) products with the columns of tares and drift
-    estimate: values (4,) and covariance (4, 4); None: solved from the root
+    root:     information on the load (m, m x, m z, J): triangle (4, 4) and right-hand side (4,)
+    gram:     (4, P + D) sum of load columns times columns of tares and drift, over the variance of each row
+    estimate: values (4,) and covariance (4, 4) of the load; None: solved from the root
     """
     values, covariance = solution(root) if estimate is None else estimate
     return numbers(np.concatenate([np.ravel(each) for each in (*root, values, covariance, gram)]))

@@ -20,6 +20,10 @@ class Supervisor:
     """
 
     def __init__(self, service: Service) -> None:
+        """Collect nodes, PDOs and identifiers of the machine file's `service` settings.
+
+        A node's clock may be fast by FAST_CLOCK, which shortens the period of its PDOs. Our own identifiers are those
+        of our PDOs, emergency messages, SDO answers and heartbeat (CiA 301)."""
         self.nodes = {_HEARTBEAT + node.node_id: number for number, node in enumerate(service.nodes)}
         self.pdos: tuple[tuple[SensorNode, Pdo], ...] = tuple((n, pdo) for n in service.nodes for pdo in n.pdos)
         self.periods_us = tuple(1e6 * pdo.period_s * (1.0 - FAST_CLOCK) for _, pdo in self.pdos)
