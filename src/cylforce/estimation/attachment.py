@@ -29,12 +29,18 @@ class Tool(NamedTuple):
 
 
 def tool_of(link: Link) -> Tool:
-    """Return the data sheet of a link as a tool, with errors propagated to first order."""
+    """Return a link's data sheet as a tool (m, m x, m z, J about its inner pin), with its covariance.
+
+    The tolerances of mass, centre and inertia are independent standard errors, propagated to first order; a thousandth
+    of each value is added, so that the covariance can be inverted.
+
+    link: mass [kg], centre of mass cx, cz [m], inertia about it [kg m^2]
+    """
     m, x, z = link.mass, link.cx, link.cz
     values = np.array([m, m * x, m * z, link.inertia + m * (x**2 + z**2)])
     gradient = np.array([[1.0, 0, 0, 0], [x, m, 0, 0], [z, 0, m, 0], [x**2 + z**2, 2 * m * x, 2 * m * z, 1.0]])
-    spread = gradient * (link.mass_error, link.centre_error, link.centre_error, link.inertia_error)
-    return Tool(values, spread @ spread.T + np.diag(1e-6 * values**2 + 1e-6))
+    errors = gradient * (link.mass_error, link.centre_error, link.centre_error, link.inertia_error)
+    return Tool(values, errors @ errors.T + np.diag(1e-6 * values**2 + 1e-6))
 
 
 def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:

@@ -73,11 +73,15 @@ def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, floa
 
 
 def predicted(data: Factors, row_error: Array, prior: Prior | None, memory: float, out: Array) -> Array:
-    """Return the mean squared prediction error per sample (B_out,), in units of row_error (R,) squared.
+    """Return the mean squared prediction error per sample (B_out,) of each block left out, in squared row errors.
 
-    Each block marked in `out` (B,) is predicted by a fit of the other blocks.
+    The B_out blocks are predicted by one fit of the other blocks.
 
-    memory: see `Fit`
+    data:      B blocks of R measured torques
+    row_error: (R,) standard error of each row [N m]
+    prior:     of the parameters; None: none
+    memory:    number of consecutive samples that count as one independent sample
+    out:       (B,) whether a block is left out and predicted
     """
     weight = np.where(out[:, None], 0.0, 1.0 / row_error) / np.sqrt(memory) * np.ones_like(data.samples)
     root = _prior_rows(prior, data.triangle.shape[-1] - 1)

@@ -30,7 +30,7 @@ def nothing_known(size: int) -> Root:
 
 
 def known(mean: Array, standard_error: Array) -> Root:
-    """Return the state with independent priors.
+    """Return the information of independent priors of P parameters: R = diag(1/standard error), z = R mean.
 
     mean:           (P,) prior means
     standard_error: (P,) prior standard errors

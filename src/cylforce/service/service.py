@@ -369,13 +369,14 @@ class WeighingService(Estimator):
             self.sampled_us = sample.t_us
 
     def _interrupt(self, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> None:
-        """Reset filters and lift after an interruption, with an estimate without values.
+        """Reset filters, lift and tests after an interruption of the measurement, with an estimate without values.
 
-        At an end stop the bucket still counts as observed.
+        The candidate for booking remains. If the bucket is not observed for too long, it may have been emptied and
+        filled again; at an end stop it still counts as observed.
 
         t_us:    time [us]
-        reason:  of the interruption
-        strayed: numbers of the signals outside their range
+        reason:  of the interruption, that of the estimate
+        strayed: numbers of the signals outside their range; the monitor suspects them when they return
         """
         self.pipeline.stop()
         self.moving = self.fitted.inputs.still

@@ -270,7 +270,10 @@ class LoadEstimator(Estimator):
         return weight.mass < SMALLEST * self.constants.rated
 
     def doubt(self, weight: Weight) -> Reason | None:
-        """Return the reason why there is no valid weight; None: there is one."""
+        """Return the reason why there is no valid weight; None: there is one.
+
+        IN_CONTACT: the last samples do not fit the load; STARTING: too few samples; NOT_A_LOAD: no load can have this
+        mass and centre; UNCERTAIN: the standard error is the rated payload or more."""
         if self.lift.refused:
             return Reason.IN_CONTACT
         if self.lift.taken < self.constants.settled_samples:
@@ -280,7 +283,14 @@ class LoadEstimator(Estimator):
         return Reason.UNCERTAIN if weight.standard_error >= self.constants.rated else None
 
     def load(self, weight: Weight, *, curled: bool = True) -> Load:
-        """Return the load before zero and tare as it is published; a load is DEGRADED unless the bucket is `curled`."""
+        """Return the load before zero and tare as it is published: mass [kg] and centre x, z [m], with status and reason.
+
+        It is INVALID if there is no valid weight (`doubt`). The centre of a weight that is lighter than a load is
+        INVALID (NOT_A_LOAD).
+
+        weight: of the lift
+        curled: whether the bucket is curled far enough; otherwise a load that is OK becomes DEGRADED (NOT_CURLED)
+        """
         if (doubt := self.doubt(weight)) is not None:
             return invalid_load(doubt)
         status, reason = self._trust(weight)

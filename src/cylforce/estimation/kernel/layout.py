@@ -56,7 +56,10 @@ class FilterLayout:
     """
 
     def __init__(self, sizes: Sizes) -> None:
-        """Compute the places for a machine of these sizes."""
+        """Compute the places for a machine of these sizes.
+
+        The state begins with the last channels (D,), the state of their low-pass (2, D) and its last outputs (3, D).
+        Then come the states of the filters of columns (3, R K) and torques (3, R), and the waiting steps (R,)."""
         d, r, k = sizes.channels, sizes.rows, sizes.columns
         self.raw = slice(0, d)
         self.smooth = slice(3 * d, 6 * d)
@@ -81,7 +84,8 @@ class RowLayout:
     """
 
     def __init__(self, sizes: Sizes) -> None:
-        """Compute the places for a machine of these sizes."""
+        """Compute the places for a machine of these sizes; the parts follow each other in the order of their names
+        below, from `slow_columns` to `speed`, with the levers (C, R) of the cylinders before `place`."""
         r, k, c = sizes.rows, sizes.columns, sizes.cylinders
         self.shape = (r, k)
         ends = np.cumsum([0, r * k, r, r * k, r, r * k, c, c * r, 2, 2, r, c]).tolist()

@@ -144,7 +144,16 @@ class ContactDetector(Estimator):
         self._note(kind, t_us, place, probably(sqrt(BEGINS) - sqrt(force.clearness), sqrt(BEGINS), 1.0))
 
     def _check_stiffness(self, t_us: int, force: SolvedForce, place: complex) -> None:
-        """Report a stiff object where the force rises over the path of the teeth more than in any soil."""
+        """Report a stiff object where the force rises over the path of the teeth more than in any soil.
+
+        Force [N] and path [m] are compared over the last window of samples. The rise must exceed the jump that counts,
+        and STIFF [N/m] times the path; the teeth must move, and have gone INSIDE_M since the contact began. After a
+        report there is none for AGAIN_S.
+
+        t_us:  time [us]
+        force: at the tool, whose covariance gives the error of the rise
+        place: of the teeth, x + i z [m]
+        """
         rise, path = self.forces[-1] - self.forces[0], self.paths[-1] - self.paths[0]
         enough = rise > self.constants.jump and path > CRAWL_M and self.path > INSIDE_M
         if not (enough and rise > STIFF * path and self.since_stiff >= AGAIN_S):
