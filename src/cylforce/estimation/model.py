@@ -160,7 +160,7 @@ class Model:
 
     @cached_property
     def filtered(self) -> FilteredRegressor:
-        """Filtered regressor with all columns."""
+        """Filtered regressor with all K columns: of the P parameters, tool, friction at rest, pressure zeros."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
@@ -239,7 +239,10 @@ class Model:
 
     @cached_property
     def load(self) -> Array:
-        """Parameters (P, 4) per unit of a load's (m, m x, m z, J about its pin), see mechanics/README.md, section 9."""
+        """Change (P, 4) of the parameters per unit of a load (m, m x, m z, J about the last pin).
+
+        A load at the last pin adds m l^2 to J and m l to X of each link before the last one, of length l, and its own
+        moments to X, Z and J of the last link (mechanics/README.md, section 9)."""
         place = {p.name: k for k, p in enumerate(self.parameters)}
         table = np.zeros((len(place), 4))
         for link in self.machine.links[:-1]:

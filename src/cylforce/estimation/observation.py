@@ -139,7 +139,13 @@ def _stays(bad: Array, steps: int) -> Array:
 
 
 def block_factors(model: Model, seen: Observed) -> Factors:
-    """Return the factors of a stretch in blocks of BLOCK_SECONDS; columns and marks as in `observed_factors`."""
+    """Return the triangular factors of a stretch in blocks of BLOCK_SECONDS.
+
+    The columns are those of the P parameters, three of the tool and C of the pressures' zero errors, whose noise is
+    neglected. The marks are in the order of `observed_factors`.
+
+    seen: filtered rows of the stretch
+    """
     columns = np.concatenate([seen.columns, seen.tool, seen.zero], axis=-1)
     noise = np.concatenate([seen.noise[..., :-1], np.zeros_like(seen.zero), seen.noise[..., -1:]], axis=-1)
     rows = blocks.BlockRows(columns, seen.torque, noise, seen.certain, _marks(seen))

@@ -94,7 +94,9 @@ def _times(columns: Array, values: Array) -> Array:
 
 
 def _compact(places: list[int]) -> Array | slice:
-    """Return consecutive indices as a slice, others as an array: indexing with a slice is much faster."""
+    """Return ascending consecutive indices as a slice, any others as an array.
+
+    Indexing with a slice is much faster."""
     if places == list(range(places[0], places[0] + len(places))):
         return slice(places[0], places[0] + len(places))
     return np.array(places)
@@ -166,7 +168,10 @@ class FilteredRegressor:
         return tuple(step * sum(b) / 3.0 - sum(b[: step + 1]) for step in range(3))
 
     def run(self, moving: Motion) -> Rows:
-        """Return the rows of a recording, whose leading axis is time."""
+        """Return the filtered rows of a recording: columns (T, R, P) and torque (T, R) [N m].
+
+        moving: motion of the machine, whose leading axis is time, T steps
+        """
         momentum, static = self.inputs(moving)
         rows = self.mean.run(self._begun(static[0]), static)[1]
         moved = self.slope.run(self.slope.rest(momentum[0]), momentum)[1]

@@ -246,7 +246,9 @@ class Bookings(Estimator):
         self.newest = self.dumped = None
 
     def change_load(self) -> None:
-        """Handle a change of the load in the air: any later weight replaces the candidate."""
+        """Handle a change of the load in the air, as by a spill: the next weight replaces the candidate.
+
+        For that the candidate's number of samples in motion becomes 0."""
         self.end_lift()
         if self.candidate is not None:
             self.candidate = replace(self.candidate, moving=0)

@@ -33,7 +33,10 @@ class ToolCheck(Estimator):
     confirmed: bool = False
 
     def update(self, load: LoadEstimator, weight: Weight) -> None:
-        """Update the check with the weight of a lift, once it has settled in motion."""
+        """Update the check with the weight of a lift, once it has settled in motion and is accurate.
+
+        The weight is that of an empty tool if it is plausible and differs from zero by at most SMALLEST rated payloads
+        or three standard errors. It is impossible if it is not plausible, and negative or no more than that."""
         lift, settled, rated = load.lift, load.constants.settled_samples, load.constants.rated
         if lift.refused or lift.moving < settled or load.noise > GOOD_ENOUGH * rated:
             return

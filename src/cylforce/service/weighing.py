@@ -176,8 +176,13 @@ class LoadEstimator(Estimator):
     ) -> int:
         """Add an instant to the lift if it fits; return 0 if it does not fit, 1 if it does, 2 if a row also moves.
 
-        work:      room for intermediate results (`GateLayout`)
-        concluded: room for the kernel's conclusion (`ConclusionLayout`)
+        In a lift of more than `fading_samples` a share of the old information is forgotten first.
+
+        residual:  of the instant, after tares and drift
+        usable:    (R,) 1 where a row can be used
+        drift:     that is subtracted in the residual
+        work:      written: intermediate results (`GateLayout`)
+        concluded: written: mass and centre of the load and their errors (`ConclusionLayout`)
         """
         c, lift = self.constants, self.lift
         instant = (residual.rows, residual.numbers, residual.wider, usable, lift.rested)
@@ -213,7 +218,14 @@ class LoadEstimator(Estimator):
             self._look(drift, tilt)
 
     def _look(self, drift: DriftKnowledge, tilt: float | None) -> None:
-        """Examine the lift for a spill or an addition of load; if there is one, begin the lift anew after it."""
+        """Examine the lift for a spill or an addition of load; if there is one, the lift begins anew after it.
+
+        Otherwise the examination is stored, so that later ones are compared with it. A lift without a load is not
+        compared.
+
+        drift: of friction and zeros, whose error counts in the comparison
+        tilt:  angle of the tool to the house [rad]; None where the tool does not empty by tilting
+        """
         c, lift = self.constants, self.lift
         now, last = information(lift.root, lift.gram), Look(lift.moving, tilt)
         if lift.values[0] > SMALLEST * c.rated:
@@ -283,7 +295,7 @@ class LoadEstimator(Estimator):
         return Reason.UNCERTAIN if weight.standard_error >= self.constants.rated else None
 
     def load(self, weight: Weight, *, curled: bool = True) -> Load:
-        """Return the load before zero and tare as it is published: mass [kg] and centre x, z [m], with status and reason.
+        """Return the load before zero and tare as it is published: mass [kg] and centre x, z [m], with their status.
 
         It is INVALID if there is no valid weight (`doubt`). The centre of a weight that is lighter than a load is
         INVALID (NOT_A_LOAD).

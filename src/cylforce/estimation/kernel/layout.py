@@ -127,7 +127,7 @@ class GateLayout:
     """
 
     def __init__(self, rows: int) -> None:
-        """Compute the places for R `rows`, four numbers and then one number of each at a time."""
+        """Compute the places for R `rows`: columns (R, 4), then four parts of one number for each row."""
         self.columns = slice(0, 4 * rows)
         self.torque, self.variance, self.taken, self.rested = (slice(k * rows, (k + 1) * rows) for k in range(4, 8))
         self.size = 8 * rows
@@ -167,7 +167,7 @@ class DriftLayout:
     """
 
     def __init__(self, drifts: int) -> None:
-        """Compute the places for D `drifts`; the N unknowns are the load (4), the usual amount (1) and the drifts."""
+        """Compute the places for D `drifts`; N = 5 + D unknowns: load (4), usual carry-back (1), drifts."""
         n, d = DRIFT + drifts, drifts
         ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
         self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])
@@ -201,7 +201,7 @@ class SampleLayout:
     """
 
     def __init__(self, signals: int) -> None:
-        """Compute the places for S `signals`."""
+        """Compute the places for S `signals`: values (S,), reasons (S,), then two single numbers."""
         self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
         self.late, self.leapt = 2 * signals, 2 * signals + 1
         self.size = 2 * signals + 2
@@ -220,7 +220,9 @@ class InputLayout:
     """
 
     def __init__(self, signals: int, pdos: int, nodes: int) -> None:
-        """Compute the places for S `signals`, P `pdos` and M `nodes`, of SIGNAL and SENDER numbers each."""
+        """Compute the places for S `signals`, P `pdos` and M `nodes`, one after the other, then the frame counters.
+
+        A signal has SIGNAL numbers, a PDO and a node have SENDER numbers each (`kernel/inputs.py`)."""
         self.signals, self.pdos, self.nodes = signals, pdos, nodes
         self._pdos = SIGNAL * signals
         self._nodes = self._pdos + SENDER * pdos
@@ -257,7 +259,10 @@ class ForceLayout:
     """
 
     def __init__(self, rows: int) -> None:
-        """Compute the places for R `rows`."""
+        """Compute the places for R `rows`.
+
+        In front of the force are residual torque (R,) and variance of friction of unknown sign (R,). Behind its
+        covariance (2, 2) are gain (2, R) and columns of the load (R, 4)."""
         force = 2 * rows  # after the residual torque (R,) and the variance of friction of unknown sign (R,)
         self.x, self.z, self.xx, self.xz, self.zz = force, force + 1, force + 2, force + 3, force + 5
         last = 8 * rows + 6  # after the gain (2, R) and the columns of the load (R, 4)

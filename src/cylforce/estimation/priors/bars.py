@@ -89,7 +89,10 @@ def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
 
 
 def represented(machine: Machine, names: tuple[str, ...]) -> Array:
-    """Return (P, P), from parameters `names` to those with the links of a data sheet, which contain the bars."""
+    """Return the matrix (P, P) that adds the bars to the links' parameters, as a data sheet's links contain them.
+
+    names: of the P parameters, those of the links first
+    """
     sums, columns = np.eye(len(names)), _columns(machine, names)
     if columns:
         sums[: 3 * machine.size, columns] = _shares(machine)

@@ -109,7 +109,16 @@ class BaseFilter(Estimator):
             residual.wider = self.wider
 
     def _look(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
-        """Update the accelerations from a mean pitch, and from the torques that a settled load does not explain."""
+        """Update the variances of the accelerations, and the variance that they add to each row.
+
+        They follow from a mean pitch of the last steps and, if all rows are usable, from the torques that a settled
+        load does not explain (`recognised.rock`).
+
+        residual: of the instant, after tares and drift
+        channels: (D,), of which the last three are pitch, roll [rad] and slew rate
+        lift:     before this instant
+        usable:   (R,) 1 where a row can be used
+        """
         c, rows = self.constants, len(usable)
         self._tilt()
         swings = PIN_HEIGHT**2 * max(self.turning - c.noise, 0.0)
@@ -123,7 +132,9 @@ class BaseFilter(Estimator):
         self.wider = wider
 
     def _tilt(self) -> None:
-        """Append one mean pitch; three mean pitches give an angular acceleration."""
+        """Append the mean pitch of the last steps; three mean pitches give one angular acceleration.
+
+        The average `turning` of its square moves towards it by `share`."""
         self.pitches = (*self.pitches, self.total / self.number)[-3:]
         self.total, self.number = 0.0, 0
         if len(self.pitches) == 3:
