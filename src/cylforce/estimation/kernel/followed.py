@@ -100,7 +100,7 @@ def follow(
 
     Written:
     update:        (`layout.DriftLayout`) triangle (N, N), right-hand side (N,), drift (D,), its covariance (D, D),
-                   scale (2,) and mass [kg] after these rows
+                   scale (2,) and mass [kg] after these rows; triangle and right-hand side must be zero before
     """
     n, d = a.n, a.n - DRIFT
     for m in range(number):

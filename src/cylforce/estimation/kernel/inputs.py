@@ -378,7 +378,7 @@ def usable(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> Co
 
     Written:
     sample: (2 S + 2,) (`layout.SampleLayout`): value of each signal [SI]; reason why each is not usable, a number of
-            `Reason`, GOOD if it is (S,); reason why one of them is late; number of stepped signals
+            `Reason`, GOOD if it is (S,); reason why one of them is late, GOOD before; number of stepped signals
     """
     reasons, late, stepped = p.s, 2 * p.s, 2 * p.s + 1  # places in `sample`, after the values
     for k in range(p.s):

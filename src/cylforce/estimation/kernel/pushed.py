@@ -123,7 +123,8 @@ def push(
     force:          (`layout.ForceLayout`) residual torque (R,) [N m]; variance of friction of unknown sign (R,)
                     [N^2 m^2]; force x, z [N]; its covariance (2, 2) [N^2]; force per torque of each row (2, R) [1/m];
                     columns of the load (R, 4); weight of the mass in the bucket that explains most of the force [N],
-                    and f' C^-1 f of the force f without it; xx, xz, zz by errors of signals [N^2]
+                    and f' C^-1 f of the force f without it; xx, xz, zz by errors of signals [N^2], which must be zero
+                    before
     """
     # places in `rows`: columns of the instant (R, K), then torques (R,); then change (R, K)
     columns, change = s.r * s.k + s.r, 2 * (s.r * s.k + s.r)

@@ -313,7 +313,8 @@ def instant_forces(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out
 
     Written:
     new:   state of both low-passes after the step
-    out:   torques of the instant (R,) [N m], 1 where a cylinder is about to reverse (C,), levers (C, R) [m/rad]
+    out:   torques of the instant (R,) [N m], 1 where a cylinder is about to reverse (C,), levers (C, R) [m/rad]; zero
+           before
     """
     forces, accelerations = state_forces(p), state_acceleration(p)
     for c in range(p.c):
