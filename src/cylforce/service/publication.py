@@ -18,6 +18,7 @@ from cylforce.service.contact.lateness import force_delay_s, wait_s
 from cylforce.signals.codec import Layout, layout, packed
 from cylforce.signals.contact import ContactEvent, EventKind
 from cylforce.signals.estimate import Estimate, Quantity
+from cylforce.signals.identifiers import RPDOS, TPDOS
 from cylforce.signals.layout import Field, Pdo
 from cylforce.signals.units import DEGREE
 
@@ -52,6 +53,7 @@ ERRORS |= {Z_ERROR: (FORCE_Z, _N), SOIL_X_ERROR: (SOIL_X, _N), SOIL_Z_ERROR: (SO
 OF_VALUE = {name: f"{place}.value" for name, place in PLACES.items()}
 OF_ERROR = {name: f"{PLACES[of]}.standard_error" for name, (of, _) in ERRORS.items()}
 _FAR, _OLD = 327.67, 4294967.294  # m and s, the largest that an INTEGER16 and an UNSIGNED32 carry
+BASES = *TPDOS, *RPDOS  # of the identifiers of TPDO 1 to 8, to which the node id is added
 FAST = (2, 5)  # TPDOs of the forces, which are sent more often than the others
 _LARGEST_ERROR = 65534 * _KG  # kg, the largest that an UNSIGNED16 carries; no weight with a larger error is valid
 
@@ -145,10 +147,14 @@ def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
 
 
 def cob_id(number: int, node_id: int) -> int:
-    """Return the identifier of one of our TPDOs.
+    """Return the identifier of one of our TPDOs. Raises ValueError for a TPDO that has none.
 
     TPDO 1 to 4 have those of CiA 301. TPDO 5 to 8 use those of RPDOs, of which our node has none."""
-    return 0x100 * number + 0x80 + node_id if number <= 4 else 0x100 * (number - 3) + node_id
+    if not 1 <= number <= len(BASES):
+        raise ValueError(
+            f"TPDO {number} has no identifier, only TPDO 1 to {len(BASES)} have one: map its values into one of those"
+        )
+    return BASES[number - 1] + node_id
 
 
 def _force(names: tuple[str, str, str, str], channels: tuple[int, int, int, int], rated: float) -> tuple[Field, ...]:
