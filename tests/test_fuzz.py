@@ -10,7 +10,8 @@ import pytest
 
 from cylforce.service.core import Core
 from cylforce.service.plausibility.suspicion import Level
-from cylforce.service.publication import DIRECTION, FORCE_X, FORCE_Z, GROSS, MAGNITUDE, NET, frames
+from cylforce.service.publication import frames
+from cylforce.service.published_values import DIRECTION, FORCE_X, FORCE_Z, GROSS, MAGNITUDE, NET
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode

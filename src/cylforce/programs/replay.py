@@ -20,7 +20,8 @@ from cylforce.files.recording import Events, open_pieces, sensor_frames
 from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.records.export import iso
 from cylforce.service.core import Core
-from cylforce.service.publication import FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY, published
+from cylforce.service.publication import published
+from cylforce.service.published_values import FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Reason, Status

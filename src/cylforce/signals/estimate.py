@@ -10,7 +10,7 @@ from math import isfinite, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.signals.contact import ContactEvent
+from cylforce.signals.contact import NO_EVENT, ContactEvent
 
 Array = NDArray[np.float64]
 
@@ -253,6 +253,16 @@ class Estimate:
     booking: Booking | None
     soil: Force
     events: tuple[ContactEvent, ...] = ()
+
+    @property
+    def last_event(self) -> ContactEvent:
+        """The last event at the teeth; NO_EVENT before the first one."""
+        return self.events[-1] if self.events else NO_EVENT
+
+    @property
+    def event_age_s(self) -> float:
+        """Time since the last event [s]; NaN before the first one."""
+        return 1e-6 * (self.t_us - self.events[-1].t_us) if self.events else nan
 
 
 def no_estimate(t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()) -> Estimate:

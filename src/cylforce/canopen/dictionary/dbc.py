@@ -15,7 +15,7 @@ from cylforce.canopen.j1939 import (
     identifier,
 )
 from cylforce.mechanics.installation import SensorNode
-from cylforce.service.publication import EVENT_KIND, FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
+from cylforce.service.published_values import EVENT_KIND, FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
 from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Reason, Status
 from cylforce.signals.identifiers import EMCY, HEARTBEAT
