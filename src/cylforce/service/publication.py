@@ -21,7 +21,7 @@ from cylforce.signals.estimate import Estimate
 from cylforce.signals.identifiers import RPDOS, TPDOS
 from cylforce.signals.layout import Field, Pdo
 
-BASES = *TPDOS, *RPDOS  # of the identifiers of TPDO 1 to 8, to which the node id is added
+BASES = *TPDOS, *RPDOS  # of the identifiers of our TPDOs, by their number, to which the node id is added
 FAST = (2, 5)  # TPDOs of the forces, which are sent more often than the others
 PUBLISHED = {value.name: value for values in TABLE for value in values}
 
@@ -108,7 +108,7 @@ def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
 def cob_id(number: int, node_id: int) -> int:
     """Return the identifier of one of our TPDOs. Raises ValueError for a TPDO that has none.
 
-    TPDO 1 to 4 have those of CiA 301. TPDO 5 to 8 use those of RPDOs, of which our node has none."""
+    The first four have those of CiA 301 for TPDOs. The others use those of RPDOs, of which our node has none."""
     if not 1 <= number <= len(BASES):
         raise ValueError(
             f"TPDO {number} has no identifier, only TPDO 1 to {len(BASES)} have one: map its values into one of those"

@@ -164,7 +164,7 @@ def event_count(event: ContactEvent) -> float:
     return float(event.number % (LARGEST_U16 + 1))
 
 
-# The values of TPDO 1 to 8, in the order of their bytes
+# The values of each TPDO, from TPDO 1 on, in the order of their bytes
 TABLE: tuple[tuple[PublishedValue, ...], ...] = (
     (
         PublishedValue(GROSS, 0x9130, 1, INT32, KG, weight, "gross.value", latency=Latency.LIFT),
