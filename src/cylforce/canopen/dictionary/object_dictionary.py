@@ -79,13 +79,15 @@ _NAMES = {
     406: {0x6004: "Position value", 0x6030: "Speed value"},
     410: {0x6010: "Slope long16", 0x6020: "Slope lateral16", 0x6110: "Slope long32", 0x6120: "Slope lateral32"},
 }
-_OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload", 0x2180: "Last event"}
+_OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload", 0x2180: "Last event"}  # records
 
 
 def own_objects(
     pdos: Sequence[Pdo], heartbeat_ms: int = 500, sync_us: int = 0, watched: Sequence[int] = ()
 ) -> tuple[Object, ...]:
-    """Return the objects of our node. Raises ValueError if there are more consumers than entries.
+    """Return the objects of our node.
+
+    Raises ValueError if there are more consumers than entries, or if a published object has no name.
 
     pdos: TPDOs that it sends
     heartbeat_ms: its heartbeat period [ms]
@@ -106,7 +108,7 @@ def own_objects(
             variable(0x1006, "Communication cycle period", "I", "ro", sync_us),
             group(0x1016, "Consumer heartbeat time", ARRAY, consumers),
             *(item for pdo in pdos for item in _tpdo(pdo, "ro", len(pdo.fields))),
-            *(_mapped_object(field, _NAMES[404] | _OURS) for field in fields),
+            *(_published_object(field) for field in fields),
             *_own_channels(channels(fields)),
             group(ADAPTATION, "Adaptation", RECORD, _adaptation()),
             group(LOADING, "Truck", RECORD, _loading()),
@@ -178,7 +180,7 @@ def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
         [
             *_communication(node.profile, node.name, identity, 0, SYNC),
             *(item for tpdo in tpdos for item in tpdo),
-            *(_mapped_object(field, _NAMES.get(node.profile, {})) for field in fields),
+            *(_sensor_object(field, node.profile) for field in fields),
             *_profile(node.profile, fields),
         ]
     )
@@ -253,15 +255,36 @@ def _as_delivered(pdo: Pdo) -> list[Object]:
     return _tpdo(pdo._replace(can_id=default, synchronous=False, period_s=0.0), "rw", 1)
 
 
-def _mapped_object(field: Field, names: dict[int, str]) -> Object:
-    """Return the object that a PDO's field carries; its default is "no value"."""
-    name = names.get(field.index, f"Object {field.index:04X}")
+def _published_object(field: Field) -> Object:
+    """Return the object of a published value. Raises ValueError if it has no name; unused bytes need none."""
+    index = field.index
+    if field.signal is None:
+        return _sensor_object(field, 0)
+    if index in _OURS:
+        return _mapped_object(field, _OURS[index], RECORD)
+    if index not in _NAMES[404]:
+        problem = f"object {index:04X}h of the published value {field.signal} has no name"
+        raise ValueError(f"{problem}: add its index to _OURS in canopen/dictionary/object_dictionary.py")
+    return _mapped_object(field, _NAMES[404][index])
+
+
+def _sensor_object(field: Field, profile: int) -> Object:
+    """Return the object of a sensor's value. Objects that its profile does not name are named by their index."""
+    return _mapped_object(field, _NAMES.get(profile, {}).get(field.index, f"Object {field.index:04X}"))
+
+
+def _mapped_object(field: Field, name: str, kind: int = ARRAY) -> Object:
+    """Return the object that a PDO's field carries; its default is "no value".
+
+    name: of the object
+    kind: ARRAY or RECORD, of an object with sub-indices
+    """
     full_name = name if field.sub == 0 else f"{name} {field.signal or field.sub}"
     full_name += f" ({field.note})" if field.note else ""
     entry = Entry(field.sub, full_name, field.code, "ro", not_available(field.code), mappable=True)
     if field.sub == 0:
         return Object(field.index, name, VARIABLE, (entry,))
-    return group(field.index, name, RECORD if field.index in _OURS else ARRAY, (entry,))
+    return group(field.index, name, kind, (entry,))
 
 
 def unit_and_digits(field: Field) -> tuple[int, int]:
@@ -299,16 +322,8 @@ def _own_channels(by_number: dict[int, Field]) -> list[Object]:
         group(
             STATUS, "AI status", ARRAY, (Entry(k, f"Status of channel {k}", "B", "ro", 1) for k in sorted(by_number))
         ),
-        *(
-            _mapped_object(replace(f, index=INT16, code="h"), _NAMES[404])
-            for f in by_number.values()
-            if f.index != INT16
-        ),
-        *(
-            _mapped_object(replace(f, index=INT32, code="i"), _NAMES[404])
-            for f in by_number.values()
-            if f.index != INT32
-        ),
+        *(_published_object(replace(f, index=INT16, code="h")) for f in by_number.values() if f.index != INT16),
+        *(_published_object(replace(f, index=INT32, code="i")) for f in by_number.values() if f.index != INT32),
     ]
 
 
