@@ -4,13 +4,14 @@ A lift and its return have nearly the same errors of tares, friction and zeros. 
 these errors are kept, so that the difference of both weights is more accurate than either."""
 
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 from math import sqrt
 from typing import Self
 
 import numpy as np
 
 from cylforce.estimation.model import Tares
-from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.service.adaptation import DriftKnowledge
 from cylforce.service.loading.lift import Lift
 from cylforce.service.snapshot import Constants, Estimator
@@ -100,22 +101,34 @@ class ProbableErrors:
         return np.asarray(sqrt(self.off) * self.certain)
 
 
+class MissedReason(Enum):
+    """Reason why a load that was lifted will not be booked.
+
+    INTERRUPTED:      the measurement was interrupted, and the bucket may have been emptied and filled meanwhile
+    EMPTY_INACCURATE: before the next load the empty bucket was not weighed accurately enough, or a sensor was suspected
+    DUMP_NOT_WEIGHED: the bucket turned as for a dump and back, and was not weighed while it was empty
+    """
+
+    INTERRUPTED = auto()
+    EMPTY_INACCURATE = auto()
+    DUMP_NOT_WEIGHED = auto()
+
+
 @dataclass(frozen=True, slots=True)
 class Missed:
     """Loads that were lifted and will not be booked.
 
-    number:      of these loads so far
-    mass:        of the last one [kg]
-    interrupted: whether the cause was an interruption; else the weight of the empty bucket was not accurate enough
-                 before the next load
+    number: of these loads so far
+    mass:   of the last one [kg]
+    reason: why the last one is not booked; None: there is none
     """
 
     number: int
     mass: float
-    interrupted: bool
+    reason: MissedReason | None
 
 
-NONE_MISSED = Missed(0, 0.0, interrupted=False)
+NONE_MISSED = Missed(number=0, mass=0.0, reason=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,12 +267,12 @@ class Bookings(Estimator):
     def lose_sight(self) -> None:
         """Report the candidate as missed, because the bucket may have been emptied and filled again unobserved."""
         if self.candidate is not None:
-            self._miss(self.candidate.mass, interrupted=True)
+            self._miss(self.candidate.mass, MissedReason.INTERRUPTED)
         self.newest = self.candidate = self.dumped = None
         self.remembered = False
 
-    def _miss(self, mass: float, *, interrupted: bool) -> None:
-        self.missed = Missed(self.missed.number + 1, mass, interrupted)
+    def _miss(self, mass: float, reason: MissedReason) -> None:
+        self.missed = Missed(self.missed.number + 1, mass, reason)
 
     def update(self, weight: Weighed, t_us: int, drift: DriftKnowledge) -> None:
         """Update the bookings with the present weight of a lift that has continued.
@@ -269,7 +282,7 @@ class Bookings(Estimator):
         settled, self.newest, rated = self.newest, weight, self.constants.rated
         if settled is None or settled.noise > (GOOD_ENOUGH * rated) ** 2:
             return
-        if settled.corrected(drift) >= SMALLEST * rated:
+        if settled.corrected(drift) >= EMPTY_BELOW * rated:
             better = self._better(settled, drift)
             self._pass(settled, drift)
             self.candidate, self.dumped, self.remembered = better, None, False
@@ -284,7 +297,7 @@ class Bookings(Estimator):
     def _has_left(self, lifted: Weighed, left: Weighed, drift: DriftKnowledge) -> bool:
         """Return whether the dumped mass exceeds AGREES of its standard errors.
 
-        A mass near SMALLEST may first read as a load and then as an empty bucket, although nothing has left it."""
+        A mass near EMPTY_BELOW may first read as a load and then as an empty bucket, although nothing has left it."""
         by = lifted.corrected(drift) - left.corrected(drift)
         return by > AGREES * self.constants.error(difference(lifted, left), drift)
 
@@ -320,13 +333,18 @@ class Bookings(Estimator):
             return
         by = now.corrected(drift) - before.corrected(drift)
         smaller = by < 0.0
-        turned_unseen = smaller and before.moving != GONE and turned_and_back(before, now)
-        if not (self.remembered or before.moving == GONE or turned_unseen):
+        if self.remembered:
+            reason = MissedReason.INTERRUPTED
+        elif before.moving == GONE:
+            reason = MissedReason.EMPTY_INACCURATE
+        elif smaller and turned_and_back(before, now):
+            reason = MissedReason.DUMP_NOT_WEIGHED
+        else:
             return
         same = abs(by) <= AGREES * self.constants.error(difference(now, before), drift)
         if same or (self.remembered and smaller and leaves(before, now, drift)):
             return
-        self._miss(before.corrected(drift), interrupted=self.remembered)
+        self._miss(before.corrected(drift), reason)
 
     def _better(self, now: Weighed, drift: DriftKnowledge) -> Weighed:
         """Return the weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load.

@@ -11,7 +11,7 @@ from cylforce.mechanics.installation import STANDARD
 from cylforce.service import commands
 from cylforce.service.adaptation import DriftFilter
 from cylforce.service.assembler import Assembler
-from cylforce.service.booking import Bookings, Missed, weighed
+from cylforce.service.booking import Bookings, Missed, MissedReason, weighed
 from cylforce.service.commands import NO_SCALE, Answer, Scale
 from cylforce.service.contact.interaction import ForceEstimator, Forces
 from cylforce.service.contact.rocking import BaseFilter
@@ -150,7 +150,7 @@ class WeighingService(Estimator):
         books.candidate, books.booking, books.unconfirmed = hanging, kept.booking, kept.unconfirmed
         books.remembered = hanging is not None
         if kept.lost:
-            books.missed = Missed(1, kept.lost, interrupted=True)
+            books.missed = Missed(1, kept.lost, MissedReason.INTERRUPTED)
 
     @property
     def memory(self) -> Memory:

@@ -9,7 +9,7 @@ is booked."""
 
 from dataclasses import dataclass
 
-from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.service.loading.lift import Weight
 from cylforce.service.snapshot import Estimator
 from cylforce.service.weighing import LoadEstimator
@@ -37,7 +37,7 @@ class ToolCheck(Estimator):
         lift, settled, rated = load.lift, load.constants.settled, load.constants.rated
         if lift.refused or lift.moving < settled or load.noise > GOOD_ENOUGH * rated:
             return
-        limit = SMALLEST * rated
+        limit = EMPTY_BELOW * rated
         certain = abs(weight.mass) > max(limit, 3.0 * weight.standard_error)
         plausible = load.is_plausible(weight)
         impossible = not plausible and (weight.mass < 0.0 or not certain)

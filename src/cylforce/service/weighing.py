@@ -15,10 +15,10 @@ from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import forget, update
 from cylforce.estimation.residual import (
+    EMPTY_BELOW,
     GOOD_ENOUGH,
     MIN_SECONDS,
     REST_SECONDS,
-    SMALLEST,
     Residual,
     correlated,
     load_spread,
@@ -201,7 +201,7 @@ class LoadEstimator(Estimator):
         """Examine the lift for a spill or an addition of load; if there is one, begin the lift anew after it."""
         c, lift = self.constants, self.lift
         now, last = information(lift.root, lift.gram), Look(lift.moving, tilt)
-        if lift.values[0] > SMALLEST * c.rated:
+        if lift.values[0] > EMPTY_BELOW * c.rated:
             covariance = block_diagonal(c.tares.covariance, drift.covariance)
             at = changed_at(lift.marks, now, covariance, GOOD_ENOUGH * c.rated)
             if at is not None:
@@ -244,14 +244,14 @@ class LoadEstimator(Estimator):
         Its mass must be positive and its centre within reach. For a mass near zero the first moment must be near zero,
         too."""
         rated, reach = self.constants.rated, self.constants.reach
-        if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
+        if abs(weight.mass) < max(EMPTY_BELOW * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)
-            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach + COLD * weight.drifted
+            return moment < (EMPTY_BELOW * rated + 3.0 * weight.standard_error) * reach + COLD * weight.drifted
         return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
     def is_light(self, weight: Weight) -> bool:
         """Return whether the weight is below that of a load."""
-        return weight.mass < SMALLEST * self.constants.rated
+        return weight.mass < EMPTY_BELOW * self.constants.rated
 
     def doubt(self, weight: Weight) -> Reason | None:
         """Return the reason why there is no valid weight; None: there is one."""

@@ -15,7 +15,7 @@ from cylforce.signals.contact import KEPT, ContactEvent, EventKind
 BEGINS = 64.0  # f' (C + e e')^-1 f at which contact begins: 8 standard errors, e: error of the force by its latency
 ENDS = 12.0  # f' C^-1 f below which there is no contact: 99.8 % of the noise
 ENDING_S = 0.1  # s for which it must stay there
-SMALLEST = 0.005  # times the rated force: a smaller one is no contact
+NO_CONTACT_BELOW = 0.005  # times the rated force: a smaller one is no contact
 RISE_S = 0.1  # s over which the rise of the force is measured
 STIFF = 2e5  # N/m: rise of the force over the path of the teeth that is no soil; measured in soils: up to 5e4
 JUMP = 0.05  # times the rated force: smallest rise that is a stiff object
@@ -35,7 +35,7 @@ class ContactConstants(Constants):
     """
 
     def __init__(self, rated_force: float, dt: float) -> None:
-        self.smallest, self.jump, self.dt = SMALLEST * rated_force, JUMP * rated_force, dt
+        self.smallest, self.jump, self.dt = NO_CONTACT_BELOW * rated_force, JUMP * rated_force, dt
         self.window = max(2, round(RISE_S / dt))
 
 

@@ -8,7 +8,7 @@ from typing import Self
 from cylforce.estimation.kernel.functions import Kernel
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.residual import SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW
 from cylforce.service.contact.carried import CarriedConstants, CarriedFilter
 from cylforce.service.contact.events import ContactConstants, ContactDetector
 from cylforce.service.contact.lateness import Lateness, RecentForces, no_forces
@@ -56,7 +56,7 @@ class ForceConstants(Constants):
         self.sensor = ForceSensor(tares, rated_force)
         self.published = Lateness(delay_s, model.fast.dt)
         self.filtered = Lateness(model.fast.delay, model.fast.dt)
-        self.lightest = SMALLEST * model.machine.rated_payload
+        self.lightest = EMPTY_BELOW * model.machine.rated_payload
         self.acting = tuple(tuple(acting) for acting in model.acting)
         self.dt = 1.0 / model.filters.rate_hz
         self.noise = NoiseConstants(model, tares, rated_force, kernel)

@@ -38,7 +38,7 @@ SLOWEST = 0.005
 TILTED = 1e-3  # rad by which an angle is shifted to find its column
 LOAD = 4  # parameters of a load
 CONTACT = 5.0  # mean squared residual of a block from which on no load explains it, as in `recognition`
-LEAST, MOST = -0.05, 2.0  # times the rated payload: mass that can hang in a bucket; below SMALLEST it is empty
+LEAST, MOST = -0.05, 2.0  # times the rated payload: mass that can hang in a bucket; below EMPTY_BELOW it is empty
 
 
 def _nothing() -> Array:

@@ -19,7 +19,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.service.adaptation import DriftFilter
 from cylforce.service.booking import LATER_S
 from cylforce.service.loading.lift import Lift
@@ -118,7 +118,7 @@ class EmptyBucket(Detector):
         As for a booking, the lift must continue for LATER_S, because the samples before the end of a lift are no
         weight."""
         c, taken = self.constants, lift.taken
-        if gross.status is not Status.OK or gross.value > SMALLEST * c.rated:
+        if gross.status is not Status.OK or gross.value > EMPTY_BELOW * c.rated:
             self.wrong_since = NEVER
             return
         fault = self._fault(gross, lift, drift)
