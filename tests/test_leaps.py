@@ -12,8 +12,7 @@ from cylforce.estimation.kernel.making import numbers
 from cylforce.estimation.model import Model
 from cylforce.service.core import Core
 from cylforce.service.plausibility.detector import Interruption, MonitoredMachine
-from cylforce.service.plausibility.pressure_groups import GROUP, GROUPS, QUIET, TENTH, GroupConstants, GroupStatistics
-from cylforce.service.plausibility.pressure_leap import (
+from cylforce.service.plausibility.detectors.pressure_step import (
     AFTER,
     BEFORE,
     DEGREE,
@@ -23,6 +22,7 @@ from cylforce.service.plausibility.pressure_leap import (
     LeapTest,
     PressureLeap,
 )
+from cylforce.service.plausibility.pressure_groups import GROUP, GROUPS, QUIET, TENTH, GroupConstants, GroupStatistics
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status

@@ -12,7 +12,7 @@ from cylforce.service.adaptation import DriftFilter
 from cylforce.service.core import Core
 from cylforce.service.loading.lift import lift_numbers
 from cylforce.service.plausibility.blocks import Block, cost, no_blocks
-from cylforce.service.plausibility.constant_error import (
+from cylforce.service.plausibility.detectors.constant_error import (
     KEPT,
     UNSURE,
     VOTES,
@@ -20,14 +20,14 @@ from cylforce.service.plausibility.constant_error import (
     ConstantOffset,
     VoteConstants,
 )
-from cylforce.service.plausibility.driven_tool import LEAST, DrivenTool
-from cylforce.service.plausibility.empty_bucket import EmptyBucket
-from cylforce.service.plausibility.fallen import BelowVacuum, BurstHose
+from cylforce.service.plausibility.detectors.driven_tool import LEAST, DrivenTool
+from cylforce.service.plausibility.detectors.empty_bucket import EmptyBucket
+from cylforce.service.plausibility.detectors.fallen import BelowVacuum, BurstHose
+from cylforce.service.plausibility.detectors.frozen_pressure import CONSTANT, StuckPressure
+from cylforce.service.plausibility.detectors.swept_tool import SweptTool
 from cylforce.service.plausibility.monitor import Monitor
 from cylforce.service.plausibility.pressure_groups import CHANGES, COLOURED, GROUP, GROUPS, PressureGroups
-from cylforce.service.plausibility.stuck import CONSTANT, StuckPressure
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
-from cylforce.service.plausibility.swept_tool import SweptTool
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Force, Quantity, Reason, Status, invalid

@@ -7,8 +7,8 @@ import pytest
 
 from cylforce.programs.common.readings import make_core
 from cylforce.service.plausibility.blocks import BAR, Block
-from cylforce.service.plausibility.constant_error import KEPT, VOTES
-from cylforce.service.plausibility.pressure_leap import ENOUGH, WRONGLY, LeapConstants, PressureLeap
+from cylforce.service.plausibility.detectors.constant_error import KEPT, VOTES
+from cylforce.service.plausibility.detectors.pressure_step import ENOUGH, WRONGLY, LeapConstants, PressureLeap
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR

@@ -10,7 +10,7 @@ import pytest
 from cylforce.estimation.model import Model, Tares
 from cylforce.service.adaptation import DriftConstants, DriftFilter
 from cylforce.service.core import Core
-from cylforce.service.plausibility.pressure_leap import PressureLeap
+from cylforce.service.plausibility.detectors.pressure_step import PressureLeap
 from cylforce.service.plausibility.reversals import CLEAR, ReversalConstants, Reversals
 from cylforce.service.plausibility.suspicion import Level, SensorDoubt, SensorFault
 from cylforce.service.service import WeighingService

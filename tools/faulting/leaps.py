@@ -22,7 +22,7 @@ from cylforce.files.recording import open_recording
 from cylforce.files.tables import Table as Samples
 from cylforce.programs.common.readings import model_of
 from cylforce.service.plausibility.detector import MonitoredMachine
-from cylforce.service.plausibility.pressure_leap import AFTER, LONGEST, LeapTest, PressureLeap
+from cylforce.service.plausibility.detectors.pressure_step import AFTER, LONGEST, LeapTest, PressureLeap
 from cylforce.service.plausibility.suspicion import SensorFault
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array

@@ -1,12 +1,12 @@
 """Base of all detectors: a detector tests for one way in which signals contradict each other or themselves.
 
-A new detector is one file with a subclass of `Detector`, and one line in `table.py`. A fault that no detector reports
+A new detector is one file in `detectors` with a subclass of `Detector`, and one line in `table.py`. A fault that no detector reports
 yet needs a member of `SensorFault` (`suspicion.py`), and its code and sentence in `programs/live/doubts.py`.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Self, TypeVar, cast
+from typing import Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,27 +18,7 @@ from cylforce.service.plausibility.sample import MonitorSample
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.snapshot import Constants, Estimator
 
-__all__ = ["EVERY", "Description", "Detector", "Features", "Interruption", "MonitoredMachine", "doubt_of"]
-
-
-@dataclass(frozen=True, slots=True)
-class Description:
-    """Description of a detector in words, for its chapter.
-
-    faults:    sensor faults that it reports
-    looks_at:  its input
-    residual:  the quantity that it compares with the threshold
-    threshold: limit of that quantity, with its origin
-    levels:    conditions for suspected, rejected, latched
-    recovery:  condition that ends the suspicion
-    """
-
-    faults: tuple[SensorFault, ...]
-    looks_at: str
-    residual: str
-    threshold: str
-    levels: str
-    recovery: str
+__all__ = ["EVERY", "Detector", "Features", "Interruption", "MonitoredMachine", "doubt_of"]
 
 
 C = TypeVar("C", bound=Constants)
@@ -102,7 +82,6 @@ class Detector(Estimator):
     """
 
     __slots__ = ()
-    DESCRIPTION: ClassVar[Description]
     doubt: SensorDoubt
 
     @classmethod

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Self, TypeVar, cast
 
 from cylforce.service.plausibility.blocks import EVERY, BlockGatherer
-from cylforce.service.plausibility.constant_error import VOTES
 from cylforce.service.plausibility.detector import Detector, Features, Interruption, MonitoredMachine
+from cylforce.service.plausibility.detectors.constant_error import VOTES
+from cylforce.service.plausibility.detectors.swept_tool import SweptTool
 from cylforce.service.plausibility.pressure_groups import PressureGroups
 from cylforce.service.plausibility.sample import MonitorSample
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt
-from cylforce.service.plausibility.swept_tool import SweptTool
 from cylforce.service.plausibility.table import DETECTORS
 from cylforce.service.plausibility.undetected import UndetectedErrors
 from cylforce.service.snapshot import Estimator

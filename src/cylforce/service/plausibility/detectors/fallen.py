@@ -1,11 +1,11 @@
 """Detectors of a pressure that falls to zero within 50 ms (a burst hose), and of one below vacuum (a wrong reading)."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, doubt_of
 from cylforce.service.plausibility.pressure_groups import KEPT, GroupConstants, Mask
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorDoubt, SensorFault
 from cylforce.signals.estimate import Array
@@ -37,15 +37,6 @@ class BelowVacuum(Detector):
     below: Mask
     doubt: SensorDoubt = NOTHING_SUSPECTED
 
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.IMPOSSIBLE,),
-        looks_at="one pressure",
-        residual="the pressure, for 50 ms",
-        threshold="-2 bar: vacuum is -1 bar, a zero may be off by another",
-        levels="rejected and latched when the chamber is next without load",
-        recovery="at the next start",
-    )
-
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
         """Return the state before any reading."""
@@ -71,15 +62,6 @@ class BurstHose(Detector):
     constants: GroupConstants
     burst: Mask
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.BURST,),
-        looks_at="one pressure",
-        residual="the pressure before and after 50 ms, and for as long as that",
-        threshold="from above 20 bar (above any return line) to below 1 bar (a sensor's error of zero)",
-        levels="rejected and latched after 100 ms",
-        recovery="at the next start",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:

@@ -10,7 +10,7 @@ only the vertical part counts."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.contact.hanging_mass import hanging_weight
 from cylforce.service.plausibility.detector import (
     EVERY,
-    Description,
     Detector,
     Features,
     Interruption,
@@ -99,15 +98,6 @@ class DrivenTool(Detector):
     first: tuple[float, float]
     opposite: float
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.EXCHANGED,),
-        looks_at="the force less that of any load, along the way of the tool",
-        residual="path over which it drives the tool, by more than 5 standard errors and 2 % of the rated force",
-        threshold="0.25 m suspected, 0.5 m rejected; chosen: soil springs back by centimetres",
-        levels="rejected; latched if it was driven over 0.25 m both ways",
-        recovery="when four seconds in the air in a row are explained by a load; latched: at the next start",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:

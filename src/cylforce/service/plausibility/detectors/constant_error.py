@@ -9,7 +9,7 @@ resemble a constant error."""
 
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.plausibility.blocks import BAR, SLOWEST, Block, cost, no_blocks
 from cylforce.service.plausibility.common_friction import OneFriction
-from cylforce.service.plausibility.detector import Description, Detector, Features, Interruption, MonitoredMachine
+from cylforce.service.plausibility.detector import Detector, Features, Interruption, MonitoredMachine
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.snapshot import Constants
 from cylforce.signals.estimate import Array
@@ -159,15 +159,6 @@ class ConstantError(Detector):
     blocks: Block
     offset: ConstantOffset = NO_OFFSET
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.OFFSET, SensorFault.SLIPPED),
-        looks_at="the torques of all joints in the air: one load must explain them",
-        residual="votes of the last 48 seconds of motion: twice the log likelihood ratio of an error and of none",
-        threshold="chi-squared: one suspicion in an hour, one rejection in a hundred hours; four seconds must agree",
-        levels="rejected after 4 s or more of motion; an angle is latched if both directions of motion confirm it",
-        recovery="when they agree again",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:

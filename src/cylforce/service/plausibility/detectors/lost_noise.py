@@ -6,9 +6,9 @@ of the 15 s before (`pressure_groups`). A slower pump also reduces the noise. Th
 pressure changes, and the noise is learned anew."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, doubt_of
 from cylforce.service.plausibility.pressure_groups import GroupConstants
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 
@@ -22,15 +22,6 @@ class LostNoise(Detector):
 
     constants: GroupConstants
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.STUCK,),
-        looks_at="one pressure while its cylinder moves, or rests while another one moves",
-        residual="variance of the last 0.25 to 1 s over that of its noise",
-        threshold="0.14 to 0.44: white noise falls below once in ten hours of motion (chi-squared)",
-        levels="suspected after 0.3 to 1.3 s",
-        recovery="when it changes in 4 s of motion, 1 s at least each way",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:

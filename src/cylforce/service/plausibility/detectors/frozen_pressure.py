@@ -6,12 +6,12 @@ noise of a frozen sensor is white. Where the variance within a mean exceeds that
 oscillates, and the sensor is not frozen."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
 from cylforce.estimation.kernel.heard import GROUPS
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, doubt_of
 from cylforce.service.plausibility.pressure_groups import CHANGES, COLOURED, GroupConstants, Mask
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorDoubt, SensorFault
 
@@ -31,15 +31,6 @@ class StuckPressure(Detector):
     constants: GroupConstants
     constant: Mask
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.STUCK,),
-        looks_at="one pressure while its cylinder moves for 4 s, 1 s at least each way",
-        residual="variance of its means over 0.25 s, over that expected from its noise",
-        threshold="1.9: a constant exceeds it once in fifty times; a machine in order is at 4 and more",
-        levels="rejected after 4 s of motion",
-        recovery="when it changes: above 3.7, which a constant exceeds once in ten hours",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:

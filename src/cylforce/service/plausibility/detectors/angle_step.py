@@ -3,9 +3,9 @@
 The inputs add up such steps (`service/assembler.py`); the sum is the error of the angle."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 
 
@@ -14,15 +14,6 @@ class AngleLeap(Detector):
     """Signals that have stepped."""
 
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.LEAPT,),
-        looks_at="one angle",
-        residual="change between two values",
-        threshold="3 rad/s, and its noise: no joint of such a machine is faster; for 100 values",
-        levels="rejected after 1.6 s; meanwhile its values are not used",
-        recovery="when it leaps back, at the latest at the next start",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:

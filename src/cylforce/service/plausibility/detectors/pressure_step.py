@@ -18,7 +18,7 @@ explains end the suspicion. A step that is not confirmed ends by itself after as
 from array import array
 from dataclasses import dataclass
 from math import exp, inf, log, pi, sqrt
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -29,9 +29,9 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.blocks import BAR, EVERY, SAMPLES, Block, cost
-from cylforce.service.plausibility.constant_error import KEPT as KEPT_SECONDS
-from cylforce.service.plausibility.constant_error import VOTES
-from cylforce.service.plausibility.detector import Description, Detector, Features, Interruption, MonitoredMachine
+from cylforce.service.plausibility.detector import Detector, Features, Interruption, MonitoredMachine
+from cylforce.service.plausibility.detectors.constant_error import KEPT as KEPT_SECONDS
+from cylforce.service.plausibility.detectors.constant_error import VOTES
 from cylforce.service.plausibility.pressure_groups import picker, pressures
 from cylforce.service.plausibility.reversals import ReversalConstants, Reversals
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
@@ -276,15 +276,6 @@ class PressureLeap(Detector):
     seconds: int
     in_air: int
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.SWAPPED, SensorFault.STEPPED, SensorFault.STRAYED),
-        looks_at="the last 0.15 s of all pressures; a pressure that was outside its range for more than 0.2 s",
-        residual="log likelihood ratio of a curve with a step, or of exchanged curves, to curves that go on",
-        threshold="some 17.6: exceeded once in ten hours (Markov's inequality); and likelier than a blow",
-        levels="suspected after 50 ms, also in the ground; a strayed pressure at once",
-        recovery="seconds in the air that are explained better without the step (Wald, 1 %), or four by a load",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:

@@ -5,11 +5,10 @@ a load explains the torques of all joints. Successive seconds of slewing that no
 wrong, but do not show which one. A bucket that is dumped during a part of a swing also causes such seconds."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 from cylforce.service.plausibility.detector import (
     EVERY,
-    Description,
     Detector,
     Features,
     Interruption,
@@ -56,15 +55,6 @@ class SweptTool(Detector):
     angle: float = 0.0
     fast: bool = False
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.EXCHANGED,),
-        looks_at="seconds in which the house slews, although nothing can be swept through the ground",
-        residual="angle of slewing that no load explains",
-        threshold="1 rad suspected, 3 rad rejected; chosen: a machine in order that dumps meanwhile has 0.60",
-        levels="rejected after the next swing but one",
-        recovery="when a load explains the torques; once rejected, for four seconds in a row",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:

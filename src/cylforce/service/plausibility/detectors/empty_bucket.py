@@ -15,7 +15,7 @@ second after a dump, are no evidence."""
 
 from dataclasses import dataclass
 from math import hypot, pi, sqrt
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.service.adaptation import DriftFilter
 from cylforce.service.booking import LATER_S
 from cylforce.service.loading.lift import Lift
-from cylforce.service.plausibility.constant_error import HARMLESS
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine
+from cylforce.service.plausibility.detectors.constant_error import HARMLESS
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
 from cylforce.service.snapshot import Constants
 from cylforce.service.weighing import COLD, FARTHEST
@@ -83,15 +83,6 @@ class EmptyBucket(Detector):
     fault: SensorFault = SensorFault.NONE
     wrong_since: int = NEVER
     doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.LIGHT, SensorFault.MISPLACED),
-        looks_at="weight and moments of the empty bucket, in a lift that goes on for 0.3 s",
-        residual="by how much it weighs less than nothing; distance of its moments from those of a mass within reach",
-        threshold="three standard errors (machines in order: 2.2) and 1 % of the rated payload",
-        levels="suspected at the first return with an empty bucket",
-        recovery="when it is seen empty with a weight and moments that are possible",
-    )
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
