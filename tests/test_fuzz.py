@@ -72,7 +72,7 @@ class Source:
 
     def stretch(self):
         """Good motion, a share of whose frames is cut, filled, flipped, doubled, dropped or made foreign; the clock
-        goes on, or has leapt."""
+        goes on, or has stepped."""
         share = next(self.shares)
         self.now = max(0, self.now + int(self.rng.choice([10_000, 10_000, HOUR, -HOUR, 777, -50_000_000_000_000])))
         ticks, shift, last = 0, None, self.now

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.kernel import choice, making
-from cylforce.estimation.kernel.heard import EACH_WAY, GROUP, GROUPS
 from cylforce.estimation.kernel.making import numbers
+from cylforce.estimation.kernel.pressures import EACH_WAY, GROUP, GROUPS
 from cylforce.estimation.kernel.solving import Limits, room, solver
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.regressor import Rows

@@ -296,9 +296,9 @@ class Model:
         guesses = []
         if self._slews:
             for link in self.machine.links:
-                told = slewing(link, tool=link is self.machine.links[-1])
-                guesses.append((f"{link.name}.D_excess", told.excess, told.excess_error))
-                guesses.append((f"{link.name}.E", told.product, told.product_error))
+                bound = slewing(link, tool=link is self.machine.links[-1])
+                guesses.append((f"{link.name}.D_excess", bound.excess, bound.excess_error))
+                guesses.append((f"{link.name}.E", bound.product, bound.product_error))
         for law in self.friction:
             if law == BARS:
                 continue

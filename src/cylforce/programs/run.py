@@ -24,10 +24,10 @@ from cylforce.mechanics.installation import Service
 from cylforce.programs.common.addresses import read_code
 from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.books import Ledger, kept_by, open_recorder, sealed_as, show_identity
-from cylforce.programs.live.doubts import Doubts
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.reloading import Parameters, Reloading
+from cylforce.programs.live.sensor_messages import SensorMessages
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
 from cylforce.service.booking import Missed, MissedReason
@@ -92,7 +92,7 @@ class Daemon(Station):
         self._show_identity = partial(show_identity, self.node, loaded, identified)
         self._show_identity()
         self.reloading, self._sealed = Reloading(loaded, identified, self._take), sealed_as(identified)
-        self._doubts = Doubts(core.service.machine, self.node.emergencies, self._tell)
+        self._sensor_messages = SensorMessages(core.service.machine, self.node.emergencies, self._tell)
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, kept.booking.number if kept.booking else 0)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -158,7 +158,7 @@ class Daemon(Station):
         if self._j1939 is not None and self.counts.steps % self._second == 0:
             self._j1939.publish_totals(self.weighing.estimate.t_us, self.weighing.truck.total, self._books.lifetime)
         self._books.look(self.weighing)
-        self._doubts.look(self.weighing.monitor.suspicion)
+        self._sensor_messages.report(self.weighing.monitor.suspicion)
         self._say_changes(self.weighing.estimate)
         self.on_estimate(self.weighing.estimate)
 

@@ -197,18 +197,18 @@ class BookingConstants(Constants):
         return sqrt(self.variances(weight, drift, self.reported, sizes).total)
 
 
-def difference(lifted: Weighed, left: Weighed) -> Weighed:
+def difference(lifted: Weighed, empty: Weighed) -> Weighed:
     """Return the dumped weight, whose sensitivities contain only the errors that both weights do not have in common.
 
     lifted: weight of the load
-    left:   weight of the carry-back
+    empty:  weight of the carry-back
     """
-    both = None if lifted.slopes is None or left.slopes is None else lifted.slopes - left.slopes
+    both = None if lifted.slopes is None or empty.slopes is None else lifted.slopes - empty.slopes
     return Weighed(
-        mass=lifted.mass - left.mass,
-        noise=lifted.noise + left.noise,
-        gain=lifted.gain - left.gain,
-        drifted=lifted.drifted - left.drifted,
+        mass=lifted.mass - empty.mass,
+        noise=lifted.noise + empty.noise,
+        gain=lifted.gain - empty.gain,
+        drifted=lifted.drifted - empty.drifted,
         moving=0,
         slopes=both,
     )
@@ -294,18 +294,18 @@ class Bookings(Estimator):
         elif self._has_left(lifted, settled, drift):
             self._book(lifted, settled, t_us, drift)
 
-    def _has_left(self, lifted: Weighed, left: Weighed, drift: DriftKnowledge) -> bool:
+    def _has_left(self, lifted: Weighed, empty: Weighed, drift: DriftKnowledge) -> bool:
         """Return whether the dumped mass exceeds AGREES of its standard errors.
 
         A mass near EMPTY_BELOW may first read as a load and then as an empty bucket, although nothing has left it."""
-        by = lifted.corrected(drift) - left.corrected(drift)
-        return by > AGREES * self.constants.error(difference(lifted, left), drift)
+        by = lifted.corrected(drift) - empty.corrected(drift)
+        return by > AGREES * self.constants.error(difference(lifted, empty), drift)
 
-    def _is_known(self, lifted: Weighed, left: Weighed, drift: DriftKnowledge) -> bool:
+    def _is_known(self, lifted: Weighed, empty: Weighed, drift: DriftKnowledge) -> bool:
         """Return whether the weights are accurate enough for a booking.
 
         The lifted weight must be, also if any one signal has the certain part of its error. So must be either the
-        carry-back `left` in the bucket or the dumped weight.
+        weight of the empty bucket (its carry-back) or the dumped weight.
 
         The error of the scale counts as far as the data sheet of cylinders, pins and sensors bounds it. The part that
         only the masses bound is the same in every lift, so that no later lift is more accurate. It is in the booked
@@ -313,7 +313,7 @@ class Bookings(Estimator):
         error, enough = self.constants.error, GOOD_ENOUGH * self.constants.rated
         if error(lifted, drift) > enough or self._certain_error(lifted.slopes) > enough:
             return False
-        return min(error(left, drift), error(difference(lifted, left), drift)) <= enough
+        return min(error(empty, drift), error(difference(lifted, empty), drift)) <= enough
 
     def _certain_error(self, slopes: Array | None) -> float:
         """Return the largest error [kg] of a weight by the certain part of one signal's error.
@@ -362,7 +362,7 @@ class Bookings(Estimator):
             return now
         return replace(now, tilt=before.tilt) if now.moving >= before.moving else before
 
-    def _book(self, lifted: Weighed, left: Weighed, t_us: int, drift: DriftKnowledge) -> None:
+    def _book(self, lifted: Weighed, empty: Weighed, t_us: int, drift: DriftKnowledge) -> None:
         """Book the candidate, or refine its booking while the bucket returns.
 
         The estimates of the carry-back and of the drift of friction and zeros improve during the return."""
@@ -373,7 +373,7 @@ class Bookings(Estimator):
             number = last.number + 1
         else:
             number, t_us = last.number, last.t_us
-        mass, remains = lifted.corrected(drift), left.corrected(drift)
+        mass, remains = lifted.corrected(drift), empty.corrected(drift)
         error, sizes = self.constants.reported_error, None if self.probable is None else self.probable.expected
         self.booking = Booking(
             number=number,
@@ -381,9 +381,9 @@ class Bookings(Estimator):
             mass=mass,
             standard_error=error(lifted, drift, sizes),
             carry_back=remains,
-            carry_back_error=error(left, drift, sizes),
+            carry_back_error=error(empty, drift, sizes),
             dumped=mass - remains,
-            dumped_error=error(difference(lifted, left), drift, sizes),
+            dumped_error=error(difference(lifted, empty), drift, sizes),
         )
         self.candidate, self.dumped, self.remembered = None, lifted, False
 

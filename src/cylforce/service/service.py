@@ -319,7 +319,7 @@ class WeighingService(Estimator):
             MonitorSample(
                 values=sample.plain,
                 arrivals=self.inputs.arrivals_us,
-                leapt=sample.leapt,
+                stepped=sample.stepped,
                 pipeline=self.pipeline,
                 instant=instant,
                 residual=residual.torque,
@@ -349,21 +349,21 @@ class WeighingService(Estimator):
         if sample.late is not Reason.NONE and begun and not any(sample.reasons):
             self.estimate = held_estimate(self.estimate, sample.t_us, sample.late)
         elif isinstance(channels, Reason):
-            strayed = tuple(k for k, reason in enumerate(sample.reasons) if reason is Reason.OUT_OF_RANGE)
-            self._interrupt(sample.t_us, channels, strayed)
+            out_of_range = tuple(k for k, reason in enumerate(sample.reasons) if reason is Reason.OUT_OF_RANGE)
+            self._interrupt(sample.t_us, channels, out_of_range)
         else:
             self._interrupt(sample.t_us, Reason.TIME_JUMP if begun else Reason.STARTING)
             self.pipeline.begin(channels)
             self.sampled_us = sample.t_us
 
-    def _interrupt(self, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> None:
+    def _interrupt(self, t_us: int, reason: Reason, out_of_range: tuple[int, ...] = ()) -> None:
         """Reset filters and lift after an interruption, with an estimate without values.
 
         At an end stop the bucket still counts as observed.
 
-        t_us:    time [us]
-        reason:  of the interruption
-        strayed: numbers of the signals outside their range
+        t_us:         time [us]
+        reason:       of the interruption
+        out_of_range: numbers of the signals outside their range
         """
         self.pipeline.stop()
         self.moving = self.fitted.inputs.still
@@ -374,7 +374,7 @@ class WeighingService(Estimator):
         self.recognizer.interrupt()
         self.force.interrupt()
         self.base.interrupt()
-        self.monitor.interrupt(frozen=reason is Reason.FROZEN, strayed=strayed)
+        self.monitor.interrupt(frozen=reason is Reason.FROZEN, out_of_range=out_of_range)
         self.estimate = self._no_estimate(t_us, reason)
         self.unexplained = ()
 
@@ -404,7 +404,7 @@ class WeighingService(Estimator):
         if lift.taken % bookings.constants.every or not (curled or self.load.is_light(weight)):
             return
         self.tool_check.update(self.load, weight)
-        if self.load.doubt(weight) is None:
+        if self.load.refusal(weight) is None:
             slopes = self.monitor.undetected.slopes
             bookings.update(weighed(lift, bookings.constants.parameters, tilt, slopes), t_us, self.drift)
 
@@ -446,18 +446,18 @@ class WeighingService(Estimator):
     def _estimate(self, load: Load, forces: Forces, t_us: int) -> Estimate:
         """Return the published estimate: load, load less zero (gross), less tare (net), and forces.
 
-        Load and forces are INVALID while a signal is rejected, and DEGRADED for the reasons of `_doubts`. Forces are
-        DEGRADED while the house slews fast and the tool seems to be in contact. Gross and net are INVALID outside their
-        declared range."""
+        Load and forces are INVALID while a signal is rejected, and DEGRADED for the reasons of `_reservations`. Forces
+        are DEGRADED while the house slews fast and the tool seems to be in contact. Gross and net are INVALID outside
+        their declared range."""
         resultant, soil = forces.resultant, forces.soil
         if self.monitor.suspicion.level is Level.REJECTED:
             reason = Reason.NOT_THIS_MACHINE if self.recognizer.another else Reason.SENSORS_DISAGREE
             load, resultant = invalid_load(reason), invalid_force(reason)
             soil = resultant
-        elif self.force.contact.touching and self.monitor.slews_fast:
+        elif self.force.contact.in_contact and self.monitor.slews_fast:
             change = partial(degraded, reason=Reason.SLEWING)
             resultant, soil = resultant.changed(change), soil.changed(change)
-        for reason in self._doubts(t_us):
+        for reason in self._reservations(t_us):
             change = partial(degraded, reason=reason)
             load, resultant, soil = load.changed(change), resultant.changed(change), soil.changed(change)
         if self.tool_check.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
@@ -481,8 +481,8 @@ class WeighingService(Estimator):
             events=self.force.contact.events,
         )
 
-    def _doubts(self, t_us: int) -> list[Reason]:
-        """Return the reasons for which no published quantity is OK."""
+    def _reservations(self, t_us: int) -> list[Reason]:
+        """Return the reasons why no published quantity is OK."""
         reasons = list[Reason]()
         if self.recognizer.another and self.fitted.tares.identified:
             reasons.append(Reason.NOT_THIS_MACHINE)
@@ -490,7 +490,7 @@ class WeighingService(Estimator):
             reasons.append(Reason.OTHER_TOOL)
         if self.bookings.unconfirmed:
             reasons.append(Reason.NOT_CONFIRMED)
-        if self.monitor.suspicion.level is Level.DOUBTED or self.bookings.withheld:
+        if self.monitor.suspicion.level is Level.SUSPECTED or self.bookings.withheld:
             reasons.append(Reason.SENSORS_DISAGREE)
         if abs(t_us - self.inputs.long_us) < LONG_FRAME_US:
             reasons.append(Reason.LONG_FRAME)

@@ -253,7 +253,7 @@ class LoadEstimator(Estimator):
         """Return whether the weight is below that of a load."""
         return weight.mass < EMPTY_BELOW * self.constants.rated
 
-    def doubt(self, weight: Weight) -> Reason | None:
+    def refusal(self, weight: Weight) -> Reason | None:
         """Return the reason why there is no valid weight; None: there is one."""
         if self.lift.refused:
             return Reason.IN_CONTACT
@@ -265,8 +265,8 @@ class LoadEstimator(Estimator):
 
     def load(self, weight: Weight, *, curled: bool = True) -> Load:
         """Return the load before zero and tare as it is published; a load is DEGRADED unless the bucket is `curled`."""
-        if (doubt := self.doubt(weight)) is not None:
-            return invalid_load(doubt)
+        if (refusal := self.refusal(weight)) is not None:
+            return invalid_load(refusal)
         status, reason = self._trust(weight)
         mass = Quantity(weight.mass, weight.standard_error, status, reason)
         if self.is_light(weight):

@@ -75,14 +75,14 @@ class Sample:
     plain:   (S,) SI values, as Python's own array, which the kernel reads
     reasons: (S,) why each signal is not usable; NONE: usable
     late:    why at least one value is repeated from before; NONE: all are fresh
-    leapt:   numbers of the signals that stepped and stayed there
+    stepped: numbers of the signals that stepped and stayed there
     """
 
     t_us: int
     plain: "array[float]"
     reasons: tuple[Reason, ...]
     late: Reason
-    leapt: tuple[int, ...] = ()
+    stepped: tuple[int, ...] = ()
 
     @property
     def values(self) -> Array:

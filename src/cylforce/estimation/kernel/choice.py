@@ -10,9 +10,9 @@ from zlib import crc32
 from cylforce.estimation.kernel import (
     drifting,
     followed,
-    heard,
     inputs,
     plan,
+    pressures,
     pushed,
     recognised,
     rows,
@@ -34,14 +34,14 @@ PARTS = (
     "recognised.py",
     "drifting.py",
     "followed.py",
-    "heard.py",
+    "pressures.py",
 )
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
     KernelInputs=listed(inputs.KernelInputs),
     receive=inputs.receive,
     usable=inputs.usable,
-    leapt=inputs.leapt,
+    stepped=inputs.stepped,
     quantise=inputs.quantise,
     KernelSensors=listed(plan.KernelSensors),
     sense=plan.sense,
@@ -75,11 +75,11 @@ INTERPRETED: Any = SimpleNamespace(
             followed.follow,
             recognised.turn_force,
             recognised.notice,
-            heard.suspicious,
-            heard.sure_leaps,
-            heard.group,
-            heard.compare,
-            heard.listen,
+            pressures.suspicious,
+            pressures.certain_steps,
+            pressures.group,
+            pressures.compare,
+            pressures.update_noise,
         )
     },
 )

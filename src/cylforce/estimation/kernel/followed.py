@@ -33,7 +33,7 @@ def follow(
     a: KernelDrift,
     number: Count,
     columns: Numbers,
-    left: Numbers,
+    residual: Numbers,
     wider: Numbers,
     factor: Numbers,
     right: Numbers,
@@ -44,7 +44,7 @@ def follow(
 ) -> None:
     """Compute the drift after the `number` rows that `certain` found.
 
-    left:          their residual with the drift so far (`weighed.explain`)
+    residual:      their residual with the drift so far (`weighed.explain`)
     wider:         (R,) added to the variance of each row
     factor, right: (N, N) and (N,) information so far
     values:        (D,) drift so far
@@ -65,10 +65,10 @@ def follow(
             a.each[j] = a.square[i * n + j]
         rotate_row(a, new, a.inverse[i])
     for m in range(number):
-        r, observed = a.good[m], left[a.good[m]]
+        r, observed = a.good[m], residual[a.good[m]]
         for i in range(d):
             observed += a.rows[m * n + DRIFT + i] * values[i]
-        weight = 1.0 / sqrt(a.memory * (left[a.r + r] + wider[r]))
+        weight = 1.0 / sqrt(a.memory * (residual[a.r + r] + wider[r]))
         for i in range(n):
             a.each[i] = a.rows[m * n + i] * weight
         rotate_row(a, new, observed * weight)

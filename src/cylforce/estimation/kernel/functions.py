@@ -30,7 +30,7 @@ class Kernel(Protocol):
         self, p: Inputs, state: Flat, sorts: Counts, number: int, times: Flat, raw: Flat, moving: Flat, /
     ) -> None: ...
     def usable(self, p: Inputs, state: Flat, t_us: float, found: Flat, /) -> int: ...
-    def leapt(self, p: Inputs, state: Flat, found: Flat, /) -> None: ...
+    def stepped(self, p: Inputs, state: Flat, found: Flat, /) -> None: ...
     def quantise(self, size: int, limits: Flat, values: Flat, found: Counts, /) -> None: ...
     # plan.py
     def sense(self, p: Sensors, values: Flat, into: Flat, /) -> int: ...
@@ -48,7 +48,7 @@ class Kernel(Protocol):
         self,
         s: Solver,
         rows: Flat,
-        left: Flat,
+        residual: Flat,
         wider: Flat,
         usable: Flat,
         rested: Flat,
@@ -58,13 +58,13 @@ class Kernel(Protocol):
         lift: Flat,
         /,
     ) -> int: ...
-    def take(self, s: Solver, rows: Flat, left: Flat, work: Flat, lift: Flat, /) -> None: ...
+    def take(self, s: Solver, rows: Flat, residual: Flat, work: Flat, lift: Flat, /) -> None: ...
     def conclude(self, s: Solver, lift: Flat, drift: Flat, unsure: Flat, found: Flat, /) -> None: ...
     def weigh_load(
         self,
         s: Solver,
         rows: Flat,
-        left: Flat,
+        residual: Flat,
         wider: Flat,
         usable: Flat,
         rested: Flat,
@@ -75,7 +75,7 @@ class Kernel(Protocol):
         found: Flat,
         /,
     ) -> int: ...
-    def without_load(self, s: Solver, rows: Flat, left: Flat, lift: Flat, over: Flat, values: Flat, /) -> None: ...
+    def without_load(self, s: Solver, rows: Flat, residual: Flat, lift: Flat, over: Flat, values: Flat, /) -> None: ...
     # pushed.py
     def push(
         self,
@@ -86,7 +86,7 @@ class Kernel(Protocol):
         drift: Flat,
         wrong: Flat,
         errors: int,
-        unrest: Flat,
+        before: Flat,
         new: Flat,
         found: Flat,
         /,
@@ -103,14 +103,14 @@ class Kernel(Protocol):
         ground: Flat,
         /,
     ) -> None: ...
-    def learn(self, s: Solver, found: Flat, good: Flat, load: Flat, unrest: Flat, /) -> None: ...
+    def learn(self, s: Solver, found: Flat, good: Flat, load: Flat, before: Flat, /) -> None: ...
     def fill(self, known: Flat, full: Flat, share: float, found: Flat, /) -> None: ...
     # recognised.py
     def gather(
         self,
         s: Solver,
         rows: Flat,
-        left: Flat,
+        residual: Flat,
         usable: Flat,
         change: Flat,
         errors: Flat,
@@ -135,7 +135,7 @@ class Kernel(Protocol):
         errors: Flat,
         number: int,
         memory: float,
-        left: Flat,
+        residual: Flat,
         change: Flat,
         believed: Flat,
         gram: Flat,
@@ -164,7 +164,7 @@ class Kernel(Protocol):
         p: Plan,
         s: Solver,
         rows: Flat,
-        left: Flat,
+        residual: Flat,
         lift: Flat,
         channels: Flat,
         asked: int,
@@ -192,7 +192,7 @@ class Kernel(Protocol):
         a: Drift,
         number: int,
         columns: Flat,
-        left: Flat,
+        residual: Flat,
         wider: Flat,
         factor: Flat,
         right: Flat,
@@ -202,9 +202,9 @@ class Kernel(Protocol):
         new: Flat,
         /,
     ) -> None: ...
-    # heard.py
+    # pressures.py
     def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
-    def sure_leaps(
+    def certain_steps(
         self,
         p: int,
         readings: Flat,
@@ -217,7 +217,7 @@ class Kernel(Protocol):
         known: float,
         least: float,
         pairs: Counts,
-        exchanges: int,
+        swaps: int,
         most: int,
         parts: Flat,
         misfit: Flat,
@@ -225,7 +225,7 @@ class Kernel(Protocol):
     ) -> int: ...
     def group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
     def compare(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
-    def listen(
+    def update_noise(
         self,
         p: int,
         readings: Flat,

@@ -184,8 +184,8 @@ def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
         else:
             state[o + 1] = excess
     node = SIGNAL * p.s + SENDER * p.p + SENDER * p.node[pdo]
-    heard = state[node] != NEVER or state[node + 2] != 0.0
-    if heard and (before == NEVER or not 0.0 <= t_us - before <= p.patience[pdo]):
+    received = state[node] != NEVER or state[node + 2] != 0.0
+    if received and (before == NEVER or not 0.0 <= t_us - before <= p.patience[pdo]):
         state[node] = t_us
 
 
@@ -197,7 +197,7 @@ def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Numbe
     value, largest = read, -p.missing[slot] - 1.0  # 7FFFh of a signed number is the error code of many sensors
     if raw != largest:
         value = in_range(read, p.low[slot], p.high[slot], p.around[slot])
-    seen, by = state[o + 2], leap(p, state, t_us, k, value)
+    seen, by = state[o + 2], implausible_step(p, state, t_us, k, value)
     state[o + 10] = measured_after(p, state, t_us, k)
     if raw == p.missing[slot] or not abs(value) <= LARGEST:
         state[o + 2], state[o + 3], state[o + 4] = t_us, NOT_A_NUMBER, 0.0
@@ -235,7 +235,7 @@ def measured_after(p: KernelInputs, state: Numbers, t_us: Number, k: Count) -> N
 
 
 @inner
-def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
+def implausible_step(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
     """Return the error of a value whose signal stepped by more than is plausible; 0: it did not.
 
     Plausible is the fastest change times the time between two values, plus the noise. Time during which values were not
@@ -287,7 +287,7 @@ def usable(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> Cou
     bad, found[2 * p.s + 1] = 0, 0.0
     for k in range(p.s):
         bad += found[p.s + k] != GOOD
-        if has_leapt(p, state, k):
+        if has_stepped(p, state, k):
             found[2 * p.s + 1] += 1.0
     return bad
 
@@ -312,16 +312,16 @@ def distrust(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> N
 
 
 @inner
-def has_leapt(p: KernelInputs, state: Numbers, k: Count) -> Count:
+def has_stepped(p: KernelInputs, state: Numbers, k: Count) -> Count:
     """Return whether a signal stepped and stayed there."""
     by = state[SIGNAL * k + 9]
     return 1 if by != 0.0 and abs(by) > room_for(p, k, 0.0) else 0
 
 
-def leapt(p: KernelInputs, state: Numbers, found: Numbers) -> None:
+def stepped(p: KernelInputs, state: Numbers, found: Numbers) -> None:
     """Set `found` (S,) to 1 where a signal stepped and stayed there."""
     for k in range(p.s):
-        found[k] = has_leapt(p, state, k)
+        found[k] = has_stepped(p, state, k)
 
 
 def quantise(size: Count, limits: Numbers, values: Numbers, found: Counts) -> None:

@@ -15,7 +15,7 @@ def push(
     drift: Numbers,
     wrong: Numbers,
     errors: Count,
-    unrest: Numbers,
+    before: Numbers,
     new: Numbers,
     found: Numbers,
 ) -> None:
@@ -27,7 +27,7 @@ def push(
     drift:  (D,) values of the drift
     wrong:  (R, H) torques by errors of H signals, each by itself
     errors: H
-    unrest: errors before: inertia (R, R), reversing (C,), variance (R,)
+    before: errors before this instant: inertia (R, R), reversing (C,), variance (R,)
     new:    the same errors after this instant
     found:  residual torque (R,), variance of friction of unknown sign (R,), force (2,), its covariance (2, 2), gain (2,
             R), columns of the load (R, 4), two numbers of `alone`, and xx, xz, zz that `wrong` adds to the covariance
@@ -40,16 +40,16 @@ def push(
     loaded(s, s.own, s.p, s.other)
     for i in range(4 * s.r):
         found[gains + 2 * s.r + i] = s.other[i]
-    be_late(s, rows, 2 * now, load, unrest, new)
+    late_inertia(s, rows, 2 * now, load, before, new)
     for c in range(s.c):
-        new[s.r * s.r + c] = max(rows[reversing + c], s.keep * unrest[s.r * s.r + c])
+        new[s.r * s.r + c] = max(rows[reversing + c], s.keep * before[s.r * s.r + c])
     for r in range(s.r):
-        new[s.r * s.r + s.c + r] = unrest[s.r * s.r + s.c + r]
+        new[s.r * s.r + s.c + r] = before[s.r * s.r + s.c + r]
         foreseen = 0.0
         for c in range(s.dry_size):
             foreseen += new[s.r * s.r + c] * s.dry[c] * abs(rows[lever + c * s.r + r])
         found[s.r + r] = foreseen * foreseen
-    doubt(s, found, new)
+    residual_covariance(s, found, new)
     solve(s, rows, now, usable, found)
     alone(s, found, 2 * s.r, 8 * s.r + 6)
     widen(s, wrong, errors, found, 8 * s.r + 8)
@@ -89,12 +89,12 @@ def leave(s: KernelSolver, columns: Numbers, begin: Count, drift: Numbers, found
     """Compute the residual torque (R,) of tares and drift, from columns (R, K) and torques (R,) from `begin` on."""
     own, values, at, torque = s.own, s.values, s.at, begin + s.r * s.k
     for r in range(s.r):
-        o, left = r * s.p, columns[torque + r]
+        o, residual = r * s.p, columns[torque + r]
         for m in range(s.many[r]):
-            left -= own[o + at[o + m]] * values[at[o + m]]
+            residual -= own[o + at[o + m]] * values[at[o + m]]
         for i in range(s.d):
-            left -= columns[begin + r * s.k + s.changing[i]] * drift[i]
-        found[r] = s.scale * left
+            residual -= columns[begin + r * s.k + s.changing[i]] * drift[i]
+        found[r] = s.scale * residual
 
 
 @inner
@@ -115,7 +115,7 @@ def own_columns(s: KernelSolver, columns: Numbers, begin: Count) -> None:
 
 
 @inner
-def be_late(s: KernelSolver, change: Numbers, begin: Count, load: Numbers, before: Numbers, new: Numbers) -> None:
+def late_inertia(s: KernelSolver, change: Numbers, begin: Count, load: Numbers, before: Numbers, new: Numbers) -> None:
     """Update the covariance (R, R) of the torque by which the inertia of machine and load lags."""
     late, values = s.spread, s.values
     for r in range(s.r):
@@ -131,7 +131,7 @@ def be_late(s: KernelSolver, change: Numbers, begin: Count, load: Numbers, befor
 
 
 @inner
-def doubt(s: KernelSolver, found: Numbers, new: Numbers) -> None:
+def residual_covariance(s: KernelSolver, found: Numbers, new: Numbers) -> None:
     """Compute the covariance (R, R) of the residual torque in `square`: errors of the instant and of the tares."""
     for q in range(s.r):
         each = s.relative * found[q]
@@ -271,20 +271,20 @@ def publish(
     into[12], into[13] = max(into[4], into[5], into[6]), size
 
 
-def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, unrest: Numbers) -> None:
-    """Update the variances (R,) that end `unrest`, after an instant in the air with a load (4,).
+def learn(s: KernelSolver, found: Numbers, good: Numbers, load: Numbers, before: Numbers) -> None:
+    """Update the variances (R,) that end `before`, after an instant in the air with a load (4,).
 
     s <- s (1 + a (e - 1)) of the rows that are `good`, e the squared residual over its variance."""
     o = s.r * s.r + s.c
     for r in range(s.r):
-        left = found[r]
+        residual = found[r]
         for i in range(4):
-            left -= found[4 * s.r + 6 + 4 * r + i] * load[i]
-        variance = unrest[o + r]
+            residual -= found[4 * s.r + 6 + 4 * r + i] * load[i]
+        variance = before[o + r]
         if good[r] != 0.0:
-            expected = found[s.r + r] + unrest[r * s.r + r] + variance
-            variance *= 1.0 + (min(left * left / expected, s.largest) - 1.0) / s.learning
-        unrest[o + r] = max(variance, s.row_error[r] * s.row_error[r])
+            expected = found[s.r + r] + before[r * s.r + r] + variance
+            variance *= 1.0 + (min(residual * residual / expected, s.largest) - 1.0) / s.learning
+        before[o + r] = max(variance, s.row_error[r] * s.row_error[r])
 
 
 def fill(known: Numbers, full: Numbers, share: Number, found: Numbers) -> None:

@@ -17,7 +17,7 @@ OF_LOAD: Count = 4  # parameters of a load
 def gather(
     s: KernelSolver,
     rows: Numbers,
-    left: Numbers,
+    residual: Numbers,
     usable: Numbers,
     change: Numbers,
     errors: Numbers,
@@ -29,23 +29,23 @@ def gather(
 
     A row is [load | changes in units of `change` | `errors` | residual], in units of its standard error, over `memory`.
 
-    rows, left: as of `weighed.explain`
-    usable:     (R,) rows that can be used
-    change:     (D,) units of the drift
-    errors:     (R, H) torque by a unit of each error
-    number:     H
-    memory:     samples that count as one
+    rows, residual: as of `weighed.explain`
+    usable:         (R,) rows that can be used
+    change:         (D,) units of the drift
+    errors:         (R, H) torque by a unit of each error
+    number:         H
+    memory:         samples that count as one
     """
     telling = 0
     for r in range(s.r):
-        telling += usable[r] != 0.0 and left[2 * s.r + r] < left[s.r + r]
+        telling += usable[r] != 0.0 and residual[2 * s.r + r] < residual[s.r + r]
     if telling == 0:
         return 0
     size = 5 + s.d + number
     own_columns(s, rows, 0)
     loaded(s, s.own, s.p, s.spread)
     for r in range(s.r):
-        variance, rest = left[s.r + r], left[2 * s.r + r]
+        variance, rest = residual[s.r + r], residual[2 * s.r + r]
         if usable[r] != 0.0 and rest < variance:
             x = s.other
             unsure = quadratic(s, s.covariance, 0, s.p, s.own, r * s.p)
@@ -56,7 +56,7 @@ def gather(
                 x[4 + i] = rows[r * s.k + s.changing[i]] * change[i] * weight
             for h in range(number):
                 x[4 + s.d + h] = errors[r * number + h] * weight
-            x[size - 1] = left[r] * weight
+            x[size - 1] = residual[r] * weight
             for i in range(size):
                 if x[i] != 0.0:
                     add(gram, i * size, x[i], x, 0, size)
@@ -88,22 +88,22 @@ def gather_block(
     errors: Numbers,
     number: Count,
     memory: Number,
-    left: Numbers,
+    residual: Numbers,
     change: Numbers,
     believed: Numbers,
     gram: Numbers,
 ) -> Count:
     """Gather an instant of a block of the plausibility, with `everyday` changes, see `gather`.
 
-    drift:  (D,) of which so many `frictions` are used, no zeros
-    unsure: (D, D) covariance of the drift
-    left, change, believed: (3 + D, R), (D,), (D,) room for results
+    drift:                      (D,) of which so many `frictions` are used, no zeros
+    unsure:                     (D, D) covariance of the drift
+    residual, change, believed: (3 + D, R), (D,), (D,) room for results
     """
     everyday(s, unsure, before, frictions, unknown, change)
     for i in range(s.d):
         believed[i] = drift[i] if i < frictions else 0.0
-    explain(s, rows, believed, left)
-    return gather(s, rows, left, usable, change, errors, number, memory, gram)
+    explain(s, rows, believed, residual)
+    return gather(s, rows, residual, usable, change, errors, number, memory, gram)
 
 
 def mislead(
@@ -206,7 +206,7 @@ def rock(
     p: KernelPlan,
     s: KernelSolver,
     rows: Numbers,
-    left: Numbers,
+    residual: Numbers,
     lift: Numbers,
     channels: Numbers,
     asked: Count,
@@ -227,18 +227,18 @@ def rock(
     `fits` mean squares by the variance without this one. Such an instant is not used: it would otherwise excuse more
     and more.
 
-    rows, left, lift: of `weighed.gate`
-    channels:         (D,)
-    swings:           variance of either acceleration that the tilt shows [m^2/s^4]
-    prior:            information on an acceleration [s^4/m^2]
-    state:            (2,) variances forwards and upwards [m^2/s^4]
-    wider:            (R,) added to the variance of each row
+    rows, residual, lift: of `weighed.gate`
+    channels:             (D,)
+    swings:               variance of either acceleration that the tilt shows [m^2/s^4]
+    prior:                information on an acceleration [s^4/m^2]
+    state:                (2,) variances forwards and upwards [m^2/s^4]
+    wider:                (R,) added to the variance of each row
     over, values, levers: (R,), (P,), (R, 2) room for results
     """
-    without_load(s, rows, left, lift, over, values)
+    without_load(s, rows, residual, lift, over, values)
     pin_levers(p, channels, values, levers)
     if asked:
-        accelerate(s, left, swings, share, fits, prior, over, levers, state)
+        accelerate(s, residual, swings, share, fits, prior, over, levers, state)
     forward, upward = max(state[0], swings), max(state[1], swings)
     for r in range(s.r):
         a, b = levers[2 * r], levers[2 * r + 1]
@@ -266,7 +266,7 @@ def pin_levers(p: KernelPlan, channels: Numbers, values: Numbers, levers: Number
 @inner
 def accelerate(
     s: KernelSolver,
-    left: Numbers,
+    residual: Numbers,
     swings: Number,
     share: Number,
     fits: Number,
@@ -279,7 +279,7 @@ def accelerate(
     misfit, aa, ab, bb, a_over, b_over = 0.0, prior, 0.0, prior, 0.0, 0.0
     for r in range(s.r):
         x, a, b = over[r], levers[2 * r], levers[2 * r + 1]
-        v = left[s.r + r] + left[2 * s.r + r] + swings * (a * a + b * b)
+        v = residual[s.r + r] + residual[2 * s.r + r] + swings * (a * a + b * b)
         misfit += x * x / v
         aa, ab, bb = aa + a * a / v, ab + a * b / v, bb + b * b / v
         a_over, b_over = a_over + a * x / v, b_over + b * x / v

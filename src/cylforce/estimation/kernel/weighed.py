@@ -21,16 +21,16 @@ def explain(s: KernelSolver, rows: Numbers, drift: Numbers, found: Numbers) -> N
     values, changing = s.values, s.changing
     for r in range(s.r):
         o = r * s.k
-        left = rows[s.r * s.k + r]
+        residual = rows[s.r * s.k + r]
         for i in range(s.p):
-            left -= rows[o + i] * values[i]
+            residual -= rows[o + i] * values[i]
         for i in range(s.d):
             x = rows[o + changing[i]]
             found[3 * s.r + r * s.d + i] = x
-            left -= x * drift[i]
-        left *= s.scale
-        found[r] = left
-        found[s.r + r] = s.row_error[r] * s.row_error[r] + (s.relative * left) * (s.relative * left)
+            residual -= x * drift[i]
+        residual *= s.scale
+        found[r] = residual
+        found[s.r + r] = s.row_error[r] * s.row_error[r] + (s.relative * residual) * (s.relative * residual)
         rest, torque = 0.0, abs(rows[s.r * s.k + r])
         for c in range(s.dry_size):
             unknown = rows[o + s.at_rest + c]
@@ -86,7 +86,7 @@ def shift(s: KernelSolver, lift: Numbers, drift: Numbers) -> None:
 def gate(
     s: KernelSolver,
     rows: Numbers,
-    left: Numbers,
+    residual: Numbers,
     wider: Numbers,
     usable: Numbers,
     rested: Numbers,
@@ -98,7 +98,7 @@ def gate(
     """Return whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves.
 
     rows:          columns (R, K) of the instant
-    left:          its residual (`explain`)
+    residual:      its residual (`explain`)
     wider:         (R,) added to the variance of each row
     usable:        (R,) rows that can be used
     rested:        (R,) steps at rest of the lift
@@ -111,15 +111,16 @@ def gate(
     shift(s, lift, known)
     total, number, moving = 0.0, 0, 0
     for r in range(s.r):
-        torque, variance, rest, drifting = left[r], left[s.r + r] + wider[r], left[2 * s.r + r], 3 * s.r + r * s.d
+        torque, variance = residual[r], residual[s.r + r] + wider[r]
+        rest, drifting = residual[2 * s.r + r], 3 * s.r + r * s.d
         by, expected = 0.0, 0.0
         for i in range(s.d):
-            by += left[drifting + i] * known[i]
+            by += residual[drifting + i] * known[i]
         for i in range(4):
             expected += work[4 * r + i] * s.spread[i]
-        doubt = quadratic(s, lift, COVARIANCE, 4, work, 4 * r)
-        doubt += min(s.cold * s.cold * quadratic(s, unsure, 0, s.d, left, drifting), s.drifted * variance)
-        doubt += variance + s.break_away * s.break_away * rest
+        uncertainty = quadratic(s, lift, COVARIANCE, 4, work, 4 * r)
+        uncertainty += min(s.cold * s.cold * quadratic(s, unsure, 0, s.d, residual, drifting), s.drifted * variance)
+        uncertainty += variance + s.break_away * s.break_away * rest
         still = rest > variance
         steps = min(rested[r], s.patience) + 1.0 if still else max(rested[r] - 1.0, 0.0)
         work[4 * s.r + r] = torque + s.scale * by
@@ -127,7 +128,7 @@ def gate(
         work[6 * s.r + r] = 1.0 if usable[r] != 0.0 and steps <= s.patience else 0.0
         work[7 * s.r + r] = steps
         if usable[r] != 0.0:
-            total += (torque - expected) * (torque - expected) / doubt
+            total += (torque - expected) * (torque - expected) / uncertainty
             number += 1
             if not still:
                 moving = 1
@@ -137,13 +138,13 @@ def gate(
 def take(
     s: KernelSolver,
     rows: Numbers,
-    left: Numbers,
+    residual: Numbers,
     work: Numbers,
     lift: Numbers,
 ) -> None:
     """Update the numbers of a lift with an instant that fits.
 
-    rows, left, work: of `gate`
+    rows, residual, work: of `gate`
     """
     size = s.p + s.d
     for r in range(s.r):
@@ -155,7 +156,7 @@ def take(
                 each = work[4 * r + i] / variance
                 if each != 0.0:
                     add(lift, GRAM + i * size, each, rows, r * s.k, s.p)
-                    add(lift, GRAM + i * size + s.p, each, left, 3 * s.r + r * s.d, s.d)
+                    add(lift, GRAM + i * size + s.p, each, residual, 3 * s.r + r * s.d, s.d)
             rotate(s, lift, work[4 * s.r + r] * weight)
     solve_triangle(s, lift)
 
@@ -163,7 +164,7 @@ def take(
 def weigh_load(
     s: KernelSolver,
     rows: Numbers,
-    left: Numbers,
+    residual: Numbers,
     wider: Numbers,
     usable: Numbers,
     rested: Numbers,
@@ -174,14 +175,16 @@ def weigh_load(
     found: Numbers,
 ) -> Count:
     """Take an instant into the lift if it fits, conclude, and return whether it fits: `gate`, `take` and `conclude`."""
-    fits = gate(s, rows, left, wider, usable, rested, known, unsure, work, lift)
+    fits = gate(s, rows, residual, wider, usable, rested, known, unsure, work, lift)
     if fits != 0:
-        take(s, rows, left, work, lift)
+        take(s, rows, residual, work, lift)
     conclude(s, lift, known, unsure, found)
     return fits
 
 
-def without_load(s: KernelSolver, rows: Numbers, left: Numbers, lift: Numbers, over: Numbers, values: Numbers) -> None:
+def without_load(
+    s: KernelSolver, rows: Numbers, residual: Numbers, lift: Numbers, over: Numbers, values: Numbers
+) -> None:
     """Compute the torque `over` (R,) of an instant that the load of a lift does not explain either, and parameters
     `values` (P,) of machine and load together."""
     loaded(s, rows, s.k, s.other)
@@ -189,7 +192,7 @@ def without_load(s: KernelSolver, rows: Numbers, left: Numbers, lift: Numbers, o
         total = 0.0
         for i in range(4):
             total += s.other[4 * r + i] * lift[VALUES + i]
-        over[r] = left[r] - total
+        over[r] = residual[r] - total
     together(s, lift, VALUES, values)
 
 

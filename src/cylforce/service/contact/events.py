@@ -47,7 +47,7 @@ class ContactDetector(Estimator):
     or dumping it, is not mistaken for contact.
 
     constants:   limits
-    touching:    whether the tool is in contact
+    in_contact:  whether the tool is in contact
     away:        time since the force last exceeded the limit ENDS [s]
     seconds:     time since contact began [s]
     path:        of the teeth since contact began [m]
@@ -60,7 +60,7 @@ class ContactDetector(Estimator):
     """
 
     constants: ContactConstants
-    touching: bool
+    in_contact: bool
     away: float
     seconds: float
     path: float
@@ -76,7 +76,7 @@ class ContactDetector(Estimator):
         """Return the state before any force."""
         return cls(
             constants,
-            touching=False,
+            in_contact=False,
             away=0.0,
             seconds=0.0,
             path=0.0,
@@ -90,7 +90,7 @@ class ContactDetector(Estimator):
 
     def interrupt(self) -> None:
         """Discard all but the events after an interruption of the measurement."""
-        self.touching, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
+        self.in_contact, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
         self.since_stiff, self.course = AGAIN_S, NO_COURSE
         self.forces, self.paths = ZERO * (self.constants.window + 1), ZERO * (self.constants.window + 1)
 
@@ -110,7 +110,7 @@ class ContactDetector(Estimator):
         self.forces.append(hypot(force.x, force.z))
         self.paths.append(self.paths[-1] + way)
         self.since_stiff = min(self.since_stiff + dt, AGAIN_S)
-        if self.touching:
+        if self.in_contact:
             self.away = self.away + dt if force.clearness < ENDS else 0.0
             self.seconds += dt
             self.path += way
@@ -127,12 +127,12 @@ class ContactDetector(Estimator):
 
     def _begin(self, t_us: int, clear: float, place: complex) -> None:
         if clear > BEGINS:
-            self.touching, self.away, self.course = True, 0.0, NO_COURSE
+            self.in_contact, self.away, self.course = True, 0.0, NO_COURSE
             self._note(EventKind.CONTACT_BEGINS, t_us, place, probably(sqrt(clear), sqrt(BEGINS), 1.0))
 
     def _end(self, t_us: int, force: SolvedForce, place: complex) -> None:
         kind = EventKind.SOIL_LEFT if self.path > DUG_M else EventKind.CONTACT_ENDS
-        self.touching, self.away = False, 0.0
+        self.in_contact, self.away = False, 0.0
         self._note(kind, t_us, place, probably(sqrt(BEGINS) - sqrt(force.clearness), sqrt(BEGINS), 1.0))
 
     def _check_stiffness(self, t_us: int, force: SolvedForce, place: complex) -> None:

@@ -116,11 +116,11 @@ class ForceEstimator(Estimator):
             nothing = invalid_force(Reason.DEAD_POINT)
             return Forces(nothing, nothing)
         c, carried, contact = self.constants, self.carried, self.contact
-        carried.update(lift, c.dt, touching=contact.touching)
+        carried.update(lift, c.dt, in_contact=contact.in_contact)
         solved = self.noise.solve(instant, usable, carried.values, drift, undetected)
         late = c.filtered.error(self.recent, solved.x, solved.z)
         contact.update(t_us, solved, late, instant.place, instant.velocity)
-        if carried.known and not contact.touching:
+        if carried.known and not contact.in_contact:
             self.noise.learn(solved, carried.values, self._moving(usable, instant.speed))
         forces = self._forces(solved, c.published.error(self.recent, solved.x, solved.z))
         self.recent.keep(solved.x, solved.z, c.published.steps)
@@ -135,12 +135,12 @@ class ForceEstimator(Estimator):
 
         late: error (x, z) of the forces by their latency [N]
         """
-        c, carried, touching = self.constants, self.carried, self.contact.touching
+        c, carried, in_contact = self.constants, self.carried, self.contact.in_contact
         hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
-        acts = bool(touching or abs(hanging) > c.lightest)
-        loaded = carried.known or touching
+        acts = bool(in_contact or abs(hanging) > c.lightest)
+        loaded = carried.known or in_contact
         resultant, soil = self.noise.show(solved, carried.values, carried.covariance, late, loaded=loaded)
-        return Forces(c.sensor.force(resultant, acts, late), c.sensor.force(soil, touching, late))
+        return Forces(c.sensor.force(resultant, acts, late), c.sensor.force(soil, in_contact, late))
 
     def _moving(self, usable: Numbers, speed: Numbers) -> Numbers:
         """Return for each row (R,) 1 where it is usable and a cylinder of it moves, else 0."""

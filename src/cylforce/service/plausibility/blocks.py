@@ -49,16 +49,16 @@ def _nothing() -> Array:
 class Block:
     """Evidence of a block about H signals; of several blocks each array has one axis more, (B, ...).
 
-    With an error x of signal h the squared residual is left - 2 linear_h x + square_h x^2, in squares of standard
+    With an error x of signal h the squared residual is r - 2 linear_h x + square_h x^2, in squares of standard
     errors, and the load's mass is mass - slope_h x.
 
-    left:   (1,) squared residual without an error
-    mass:   (1,) mass of the load [kg]
-    spread: (1,) standard error of the mass [kg]
-    weight: (1,) number of independent samples
-    linear: (H,) linear coefficients of the parabolas
-    square: (H,) quadratic coefficients of the parabolas
-    slope:  (H,) change of the mass [kg per unit of the error]
+    residual: (1,) squared residual r without an error
+    mass:     (1,) mass of the load [kg]
+    spread:   (1,) standard error of the mass [kg]
+    weight:   (1,) number of independent samples
+    linear:   (H,) linear coefficients of the parabolas
+    square:   (H,) quadratic coefficients of the parabolas
+    slope:    (H,) change of the mass [kg per unit of the error]
 
     Of F frictions that all blocks share (`common_friction`), in standard errors between strokes:
     rows:   (F + H + 1, F + H + 1) products of [friction | errors | residual], with the load, the zeros and the
@@ -69,7 +69,7 @@ class Block:
     ways:   (C,) motion of each cylinder in the block [m], extending positive
     """
 
-    left: Array
+    residual: Array
     mass: Array
     spread: Array
     weight: Array
@@ -83,7 +83,7 @@ class Block:
 
     def followed_by(self, new: "Block", most: int) -> "Block":
         """Return these blocks followed by a `new` one, the last `most` of them."""
-        if not len(self.left):
+        if not len(self.residual):
             return Block(**{f.name: getattr(new, f.name)[None] for f in fields(Block)})
         parts = ((f.name, getattr(self, f.name), getattr(new, f.name)) for f in fields(Block))
         return Block(**{name: np.concatenate([old[1 - most :], one[None]]) for name, old, one in parts})
@@ -92,13 +92,13 @@ class Block:
         """Return whether a load explains this block without an error of a signal; `rated`: rated payload [kg]."""
         margin, mass = 3.0 * self.spread.item(), self.mass.item()
         hangs = LEAST * rated - margin < mass < MOST * rated
-        return bool(hangs and self.left.item() < CONTACT * self.weight.item())
+        return bool(hangs and self.residual.item() < CONTACT * self.weight.item())
 
 
 def no_blocks(signals: int) -> Block:
     """Return an empty sequence of blocks about so many `signals`."""
     one, each = np.zeros((0, 1)), np.zeros((0, signals))
-    return Block(left=one, mass=one, spread=one, weight=one, linear=each, square=each, slope=each)
+    return Block(residual=one, mass=one, spread=one, weight=one, linear=each, square=each, slope=each)
 
 
 def cost(block: Block, x: Array | float, rated: float) -> Array:
@@ -109,9 +109,9 @@ def cost(block: Block, x: Array | float, rated: float) -> Array:
     rated: rated payload [kg]
     """
     most, mass = CONTACT * block.weight, block.mass - block.slope * x
-    left = block.left - 2.0 * x * block.linear + x**2 * block.square
+    residual = block.residual - 2.0 * x * block.linear + x**2 * block.square
     hangs = (mass > LEAST * rated - 3.0 * block.spread) & (mass < MOST * rated)
-    return np.asarray(np.where(hangs, np.minimum(left, most), most))
+    return np.asarray(np.where(hangs, np.minimum(residual, most), most))
 
 
 class BlockConstants(Constants):
@@ -320,7 +320,7 @@ class BlockGatherer(Estimator):
         masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
         rows, shared_masses, belief = self._shared(drift, prior)
         block = Block(
-            left=np.array([reduced[-1, -1]]),
+            residual=np.array([reduced[-1, -1]]),
             mass=np.array([masses[-1]]),
             spread=np.array([np.sqrt(inverse[0, 0])]),
             weight=np.array([self.rows / c.memory]),

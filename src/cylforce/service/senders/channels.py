@@ -24,10 +24,10 @@ class Channel:
     reason:   of the last received value, as a number of `Reason`
     good:     number of good values in a row
     equal:    number of equal values in a row while the machine moved
-    jumps:    number of values in a row that are off by a `leap`
-    leap:     difference from the value before the step [SI]
+    jumps:    number of values in a row that are off by a `step`
+    step:     difference from the value before the step [SI]
     last:     last implausible value [SI]
-    leapt:    sum of the steps that were accepted after enough such values [SI]
+    stepped:  sum of the steps that were accepted after enough such values [SI]
     since_us: earliest time at which the last received value was measured, before it waited for the bus [us]
     """
 
@@ -38,15 +38,15 @@ class Channel:
     good: float
     equal: float
     jumps: float
-    leap: float = 0.0
+    step: float = 0.0
     last: float = 0.0
-    leapt: float = 0.0
+    stepped: float = 0.0
     since_us: float = NEVER
 
     @classmethod
-    def without_value(cls, reason: Reason, leapt: float = 0.0) -> Self:
+    def without_value(cls, reason: Reason, stepped: float = 0.0) -> Self:
         """Return the state of a signal without an accepted value."""
-        return cls(nan, t_us=NEVER, seen_us=NEVER, reason=reason, good=0.0, equal=0.0, jumps=0.0, leapt=leapt)
+        return cls(nan, t_us=NEVER, seen_us=NEVER, reason=reason, good=0.0, equal=0.0, jumps=0.0, stepped=stepped)
 
 
 @dataclass(frozen=True, slots=True)

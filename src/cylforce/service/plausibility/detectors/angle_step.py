@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Self
 
 from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 
 
 @dataclass(slots=True)
-class AngleLeap(Detector):
+class AngleStep(Detector):
     """Signals that have stepped."""
 
-    doubt: SensorDoubt = NOTHING_SUSPECTED
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -23,6 +23,8 @@ class AngleLeap(Detector):
 
     def on_step(self, features: Features) -> None:
         """Report the signals that have stepped according to the inputs."""
-        leapt = features.now.leapt
-        if leapt != self.doubt.signals:
-            self.doubt = SensorDoubt(Level.REJECTED, SensorFault.LEAPT, leapt) if leapt else NOTHING_SUSPECTED
+        stepped = features.now.stepped
+        if stepped != self.report.signals:
+            self.report = (
+                SensorSuspicion(Level.REJECTED, SensorFault.ANGLE_STEPPED, stepped) if stepped else NOTHING_SUSPECTED
+            )

@@ -25,7 +25,7 @@ from cylforce.service.booking import LATER_S
 from cylforce.service.loading.lift import Lift
 from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine
 from cylforce.service.plausibility.detectors.constant_error import HARMLESS
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants
 from cylforce.service.weighing import COLD, FARTHEST
 from cylforce.signals.estimate import Array, Quantity, Status
@@ -82,7 +82,7 @@ class EmptyBucket(Detector):
     constants: EmptyConstants
     fault: SensorFault = SensorFault.NONE
     wrong_since: int = NEVER
-    doubt: SensorDoubt = NOTHING_SUSPECTED
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -99,9 +99,9 @@ class EmptyBucket(Detector):
         now = features.now
         self.take(now.gross, now.lift, now.drift)
         if self.fault is SensorFault.NONE:
-            self.doubt = NOTHING_SUSPECTED
-        elif self.fault is not self.doubt.cause:
-            self.doubt = SensorDoubt(Level.DOUBTED, self.fault, self.constants.all)
+            self.report = NOTHING_SUSPECTED
+        elif self.fault is not self.report.cause:
+            self.report = SensorSuspicion(Level.SUSPECTED, self.fault, self.constants.all)
 
     def take(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> None:
         """Update the fault with the gross weight [kg] of a lift.
@@ -130,9 +130,9 @@ class EmptyBucket(Detector):
         colder, more = (1.0, 0.0) if drift.returned else (COLD**2, lift.error_by_drift(drift.covariance))
         margin = BELOW * hypot(gross.standard_error, sqrt(colder - 1.0) * more)
         if gross.value < -max(margin, HARMLESS * c.rated):
-            return SensorFault.LIGHT
+            return SensorFault.NEGATIVE_WEIGHT
         moments, covariance = lift.moments(c.tares, drift, colder)
         if float(np.trace(covariance[1:, 1:])) > (GOOD_ENOUGH * c.rated * c.reach) ** 2:
-            return self.fault if self.fault is SensorFault.MISPLACED else SensorFault.NONE
+            return self.fault if self.fault is SensorFault.IMPOSSIBLE_MOMENTS else SensorFault.NONE
         moments[0] = max(moments[0], gross.value, 0.0) + HARMLESS * c.rated / FARTHEST
-        return SensorFault.MISPLACED if distance(moments, covariance, c.reach) > BELOW else SensorFault.NONE
+        return SensorFault.IMPOSSIBLE_MOMENTS if distance(moments, covariance, c.reach) > BELOW else SensorFault.NONE

@@ -5,9 +5,9 @@ from typing import Self
 
 import numpy as np
 
-from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, suspicion_of
 from cylforce.service.plausibility.pressure_groups import KEPT, GroupConstants, Mask
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorFault, SensorSuspicion
 from cylforce.signals.estimate import Array
 
 FALL_STEPS = KEPT // 2  # 50 ms at 100 Hz, of the fall and of the time after it; healthy pressures dip for one step
@@ -35,7 +35,7 @@ class BelowVacuum(Detector):
 
     constants: GroupConstants
     below: Mask
-    doubt: SensorDoubt = NOTHING_SUSPECTED
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -48,7 +48,7 @@ class BelowVacuum(Detector):
         if recent is not None:
             below = self.below | (recent[-FALL_STEPS:].max(axis=0) < VACUUM)
             if (below != self.below).any():
-                self.below, self.doubt = below, doubt_of(below, self.constants.signals, SensorFault.IMPOSSIBLE)
+                self.below, self.report = below, suspicion_of(below, self.constants.signals, SensorFault.BELOW_VACUUM)
 
 
 @dataclass(slots=True)
@@ -61,7 +61,7 @@ class BurstHose(Detector):
 
     constants: GroupConstants
     burst: Mask
-    doubt: SensorDoubt = NOTHING_SUSPECTED
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -77,4 +77,4 @@ class BurstHose(Detector):
         falls = (most < NOTHING) & (most >= VACUUM) & (recent[-1 - 2 * FALL_STEPS] > FALLS)
         burst = self.burst | falls
         if (burst != self.burst).any():
-            self.burst, self.doubt = burst, doubt_of(burst, self.constants.signals, SensorFault.BURST)
+            self.burst, self.report = burst, suspicion_of(burst, self.constants.signals, SensorFault.BURST)

@@ -8,9 +8,9 @@ pressure changes, and the noise is learned anew."""
 from dataclasses import dataclass
 from typing import Self
 
-from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, suspicion_of
 from cylforce.service.plausibility.pressure_groups import GroupConstants
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 
 
 @dataclass(slots=True)
@@ -21,7 +21,7 @@ class LostNoise(Detector):
     """
 
     constants: GroupConstants
-    doubt: SensorDoubt = NOTHING_SUSPECTED
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -31,4 +31,6 @@ class LostNoise(Detector):
     def on_step(self, features: Features) -> None:
         """Update the report when a group has ended."""
         if features.groups.ended:
-            self.doubt = doubt_of(features.groups.gone, self.constants.signals, SensorFault.STUCK, Level.DOUBTED)
+            self.report = suspicion_of(
+                features.groups.gone, self.constants.signals, SensorFault.FROZEN, Level.SUSPECTED
+            )

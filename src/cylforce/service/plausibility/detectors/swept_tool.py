@@ -15,14 +15,14 @@ from cylforce.service.plausibility.detector import (
     MonitoredMachine,
 )
 from cylforce.service.plausibility.pressure_groups import pressures
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 # rad of slewing that no load explains, from which on the signals are suspected or rejected; chosen: more than one and a
 # half times the largest of healthy machines, 0.60, which dump meanwhile; two swings, out and back
-FARTHEST = {Level.DOUBTED: 1.0, Level.REJECTED: 3.0}
+FARTHEST = {Level.SUSPECTED: 1.0, Level.REJECTED: 3.0}
 FAST = 0.2  # rad/s of the house, above which the tool has no contact; chosen: a fifth of its full speed
 
 
@@ -54,7 +54,7 @@ class SweptTool(Detector):
     running: float = 0.0
     angle: float = 0.0
     fast: bool = False
-    doubt: SensorDoubt = NOTHING_SUSPECTED
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -77,9 +77,9 @@ class SweptTool(Detector):
             self.end_block(features.blocks.explained)
         level = self.level
         if level is Level.FINE:
-            self.doubt = NOTHING_SUSPECTED
-        elif level is not self.doubt.level:
-            self.doubt = SensorDoubt(level, SensorFault.EXCHANGED, self.constants.pressures)
+            self.report = NOTHING_SUSPECTED
+        elif level is not self.report.level:
+            self.report = SensorSuspicion(level, SensorFault.CONTRADICTS_MOTION, self.constants.pressures)
 
     def slew(self, smooth: Array) -> None:
         """Add the slewing of a sample to the running block; `smooth` (3, D): last three smoothed channels."""

@@ -1,4 +1,4 @@
-"""Tests of pressures by themselves: `service.plausibility.pressure_groups` and the first test of `pressure_leap`, in
+"""Tests of pressures by themselves: `service.plausibility.pressure_groups` and the first test of `pressure_step`, in
 plain numbers. Tables of groups are (G, P), of P pressures."""
 
 from math import log
@@ -33,7 +33,7 @@ def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Co
     return 0
 
 
-def sure_leaps(
+def certain_steps(
     p: Count,
     readings: Numbers,
     size: Count,
@@ -45,12 +45,12 @@ def sure_leaps(
     known: Number,
     least: Number,
     pairs: Counts,
-    exchanges: Count,
+    swaps: Count,
     most: Count,
     parts: Numbers,
     misfit: Numbers,
 ) -> Count:
-    """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by an exchange, 3 either,
+    """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by a swap, 3 either,
     0 none.
 
     The step of a pressure is tested in the residual of `curves`, if the noise before was no more than the sensors'.
@@ -59,7 +59,7 @@ def sure_leaps(
     curves:      (T, bends + 1), of which the last is a step
     noise:       (P,) of the sensors
     free, known: degrees of freedom of the variance, and of the noise before
-    pairs:       (exchanges, most, 2) pressures that are exchanged; -1: no more
+    pairs:       (swaps, most, 2) pressures that are swapped; -1: no more
     parts:       (P, 2, bends + 2) room for results
     misfit:      (2, P) result: minus the log likelihood [nats] of the residual without and with the step, of a variance
                  of its own, but at least the noise
@@ -68,14 +68,14 @@ def sure_leaps(
     for i in range(p):
         for half in range(2):
             project(p, readings, half * before, before if half == 0 else size, i, curves, bends + 1, parts)
-        left = crossed(parts, bends, i, i)
+        squared = crossed(parts, bends, i, i)
         along = parts[2 * i * (bends + 2) + o] + parts[(2 * i + 1) * (bends + 2) + o]
-        stepped = left - along * along
-        misfit[i], misfit[p + i] = unlikely(left, noise[i], free, 0.0), unlikely(stepped, noise[i], free, 0.0)
-        by = unlikely(left, noise[i], free, known) - unlikely(stepped, noise[i], free, known)
+        stepped = squared - along * along
+        misfit[i], misfit[p + i] = unlikely(squared, noise[i], free, 0.0), unlikely(stepped, noise[i], free, 0.0)
+        by = unlikely(squared, noise[i], free, known) - unlikely(stepped, noise[i], free, known)
         if max(by, misfit[i] - misfit[p + i]) > least:
             sure = 1
-    for x in range(exchanges):
+    for x in range(swaps):
         total = 0.0
         for m in range(most):
             a, b = pairs[2 * (x * most + m)], pairs[2 * (x * most + m) + 1]
@@ -112,22 +112,22 @@ def crossed(parts: Numbers, bends: Count, a: Count, b: Count) -> Number:
     """Return the sum of squares of the residual of the curves through the first readings of one pressure and the last
     ones of another."""
     first, last = 2 * a * (bends + 2), (2 * b + 1) * (bends + 2)
-    left = parts[first + bends + 1] + parts[last + bends + 1]
+    squared = parts[first + bends + 1] + parts[last + bends + 1]
     for k in range(bends):
         along = parts[first + k] + parts[last + k]
-        left -= along * along
-    return left
+        squared -= along * along
+    return squared
 
 
 @inner
-def unlikely(left: Number, noise: Number, free: Number, known: Number) -> Number:
+def unlikely(squared: Number, noise: Number, free: Number, known: Number) -> Number:
     """Return minus the log likelihood [nats] of a residual of a variance of its own, but at least the `noise`
     (Student's t).
 
-    left:        sum of squares of the residual
+    squared:     sum of squares of the residual
     free, known: degrees of freedom of the variance, and of the noise before
     """
-    return 0.5 * (free + known) * log(max((known + left / noise) / (known + free), 1.0))
+    return 0.5 * (free + known) * log(max((known + squared / noise) / (known + free), 1.0))
 
 
 def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
@@ -170,7 +170,7 @@ def squares_of(x: Numbers, begin: Count, step: Count, size: Count, middle: Numbe
 
 
 @inner
-def in_order(x: Numbers, begin: Count, step: Count, size: Count, above: Number, place: Count, work: Numbers) -> Number:
+def ranked(x: Numbers, begin: Count, step: Count, size: Count, above: Number, place: Count, work: Numbers) -> Number:
     """Return the number at a `place`, from 0 on, in ascending order of those that are larger than `above`."""
     many = 0
     for k in range(size):
@@ -203,17 +203,17 @@ def compare(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
             backwards += groups[2 * size + g * p + i] < 0.0
         ratios[i], ratios[p + i] = -1.0, 0.0
         if min(forwards, backwards) >= EACH_WAY and forwards + backwards == GROUPS:
-            noise = in_order(groups, size + i, p, GROUPS, -1.0, GROUPS // 2, work)
+            noise = ranked(groups, size + i, p, GROUPS, -1.0, GROUPS // 2, work)
             middle = mean_of(groups, i, p, GROUPS)
             varied = squares_of(groups, i, p, GROUPS, middle) / (GROUPS - 1)
             ratios[i] = varied * GROUP / max(noise, TINY)
-            white = in_order(groups, 3 * size + i, p, GROUPS, -1.0, GROUPS // 2, work)
+            white = ranked(groups, 3 * size + i, p, GROUPS, -1.0, GROUPS // 2, work)
             ratios[p + i] = noise / max(white, TINY)
             number += 1
     return number
 
 
-def listen(
+def update_noise(
     p: Count,
     readings: Numbers,
     size: Count,
@@ -294,7 +294,7 @@ def less_than_known(
         many += state[k * p + i] > 0.0
     if many < KNOWN:
         return 0
-    own = min(in_order(state, i, p, count, 0.0, many // 10, work) / tenth, stated)
+    own = min(ranked(state, i, p, count, 0.0, many // 10, work) / tenth, stated)
     squares, total, inside = 0.0, 0.0, 0.0
     last = (number - 1) * p + i
     for k in range(min(limits, number)):
