@@ -120,11 +120,11 @@ def test_a_fault_of_a_sensor(work, fault, cause, code, within):
         assert course.service.estimate.gross.status is Status.INVALID
         assert course.service.estimate.force.x.reason in (Reason.SENSORS_DISAGREE, Reason.FROZEN)
     sent, told = [], Told()
-    suspicions = SensorMessages(work.machine, Emergencies(lambda data: not sent.append(data), lambda *_: None), told)
-    suspicions.look(first[1])
+    messages = SensorMessages(work.machine, Emergencies(lambda data: not sent.append(data), lambda *_: None), told)
+    messages.report(first[1])
     assert int.from_bytes(sent[0][:2], "little") == code
     assert told.lines[0][1]["signals"] == [work.machine.signals[k].name for k in first[1].signals]
-    suspicions.look(NOTHING_SUSPECTED)
+    messages.report(NOTHING_SUSPECTED)
     assert sent[1][:2] == bytes(2)
 
 
