@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from cylforce.programs.live.sensor_messages import CODES, WHY
-
 from cylforce.estimation.kernel import inputs
+from cylforce.programs.live.sensor_messages import CODES, WHY
 from cylforce.service.plausibility.suspicion import LATCHED, LATCHED_IF_CONFIRMED, Level, SensorFault, SensorSuspicion
 from cylforce.signals.estimate import Reason, Status
 

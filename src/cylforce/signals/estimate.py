@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.signals.contact import NO_EVENT, ContactEvent
+from cylforce.signals.value_class import value_class
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ class Reason(IntEnum):
     NOT_CONFIRMED = 32
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Sample:
     """The signals at a tick, in the order of the machine's signals.
 
@@ -90,7 +91,7 @@ class Sample:
         return np.frombuffer(self.plain)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Quantity:
     """A value with its standard error.
 
@@ -134,7 +135,7 @@ def within(quantity: Quantity, limits: tuple[float, float], largest_error: float
     return quantity if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Force:
     """Force of the outside world on the tool, in the vertical plane of the arm.
 
@@ -203,7 +204,7 @@ def is_new(booking: Booking | None, before: Booking | None) -> bool:
     return booking is not None and (before is None or booking.number != before.number)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Load:
     """Load in the bucket.
 
@@ -231,7 +232,7 @@ def invalid_load(reason: Reason) -> Load:
     return Load(nothing, nothing, nothing)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Estimate:
     """Estimates of a tick, as published.
 

@@ -19,11 +19,12 @@ from cylforce.service.pipeline import Instant
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.estimate import Array, Force, Reason, invalid_force
 from cylforce.signals.units import STANDARD_GRAVITY
+from cylforce.signals.value_class import value_class
 
 STILL = 0.005  # m/s of a cylinder below which no noise is learned from its rows; chosen
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Forces:
     """Forces of an instant.
 
