@@ -10,7 +10,7 @@ from cylforce.estimation.model import Tares
 from cylforce.estimation.recursive import known, solution, update
 from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.service.booking import BookingConstants, Bookings, MissedReason, Weighed, difference
-from cylforce.service.loading.lift import Lift, Look
+from cylforce.service.loading.lift import Lift, SpillCheck
 from cylforce.service.spill import change, changed_at, information
 from weighing.score import class_y_b, inside
 
@@ -47,7 +47,7 @@ def spilled(books):
 
 
 def unseen(books):
-    return changed(books, Bookings.lose_sight)
+    return changed(books, Bookings.discard_candidate)
 
 
 def error(weight, given, drift):
@@ -310,9 +310,9 @@ def test_the_moment_from_which_on_another_load_hangs_is_found():
 def test_a_lift_from_a_mark_on_knows_what_came_since_and_nothing_else():
     """Estimate, sensitivity and counts are those of a lift that began there."""
     marks, parts = hung([1000.0] * 4 + [900.0] * 4)
-    looks = tuple(Look(moving, -3.0 + moving / 200.0) for moving in (0, 20, 40, 60, 80, 110, 140, 170))
+    looks = tuple(SpillCheck(moving, -3.0 + moving / 200.0) for moving in (0, 20, 40, 60, 80, 110, 140, 170))
     whole = Lift(array("d"), 240, 0, 200, array("d"), marks[:-1], looks, mixed=False)
-    found = whole.since(4, marks[-1], Look(200, -2.0), 30, marks[0])
+    found = whole.since(4, marks[-1], SpillCheck(200, -2.0), 30, marks[0])
     root, gram = known(np.zeros(4), np.full(4, 3e3)), np.zeros((4, 1))
     for columns, torque, other in parts[4:]:
         root, gram = update(root, columns, torque, np.full(40, 100.0)), gram + 0.01 * columns.T @ other
@@ -322,7 +322,7 @@ def test_a_lift_from_a_mark_on_knows_what_came_since_and_nothing_else():
     assert found.gram == pytest.approx(gram)
     assert found.root.factor.T @ found.root.factor == pytest.approx(root.factor.T @ root.factor)
     assert (found.taken, found.moving, found.tilt) == (120, 120, -2.6)
-    assert [look.moving for look in found.looks] == [0, 30, 60, 90, 120]
+    assert [look.moving for look in found.checks] == [0, 30, 60, 90, 120]
     assert found.marks[0] == pytest.approx(marks[0])
 
 

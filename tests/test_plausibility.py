@@ -295,10 +295,10 @@ def second(core, way, friction, error):
     own = rows - np.outer(rows[0], rows[0]) / (rows[0, 0] + 1.0)  # with a friction of the block's own
     linear, square = own[frictions:-1, -1], np.maximum(np.diagonal(own)[frictions:-1], 1e-9)
     numbers = (np.array([x]) for x in (own[-1, -1], 100.0, 5.0, 15.0))
-    masses, belief = np.zeros(len(rows)), np.stack([np.zeros(frictions), np.ones(frictions)])
+    masses, friction_prior = np.zeros(len(rows)), np.stack([np.zeros(frictions), np.ones(frictions)])
     masses[-1] = 100.0
     ways = np.full(len(core.service.machine.cylinders), 0.1 * way)
-    return Block(*numbers, linear, square, np.full(many, 30.0), rows, masses, belief, ways)
+    return Block(*numbers, linear, square, np.full(many, 30.0), rows, masses, friction_prior, ways)
 
 
 @pytest.mark.parametrize(
@@ -315,7 +315,7 @@ def test_cold_oil_is_one_friction_for_all_seconds(machine, ways, friction, error
     blocks = [second(core, ways[k % len(ways)], friction, error) for k in range(SECONDS)]
     offset, limit = evidence(core, blocks)
     assert (offset.evidence > limit, offset.confirmed) == (rejected, rejected)
-    anew = [replace(each, rows=NONE, masses=NONE, belief=NONE) for each in blocks]
+    anew = [replace(each, rows=NONE, masses=NONE, friction_prior=NONE) for each in blocks]
     assert (evidence(core, anew)[0].evidence > limit) is (len(ways) == 1 or rejected)
 
 

@@ -20,7 +20,7 @@ from cylforce.signals.units import DEGREE
 
 DUMPING = 0.7  # share of a grab's load below which it is being dumped; chosen: spills are smaller, dumps larger
 REPOSE = 35.0 * DEGREE  # by which a bucket tilts to empty: angle of repose of loose soil and gravel, 30 to 40 deg
-GONE = -1  # in place of the samples in motion: an empty bucket was detected since, but not accurately enough
+EMPTY_DETECTED = -1  # in place of the samples in motion: an empty bucket was detected since, but not accurately enough
 AGREES = 3.0  # standard errors within which two weights of one lift are the same; chosen
 REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptied and filled again; chosen
 # s for which a lift must continue after a weight that is booked: the time that ends a lift (weighing.PATIENCE_S)
@@ -224,7 +224,7 @@ class Bookings(Estimator):
     dumped:      loaded weight that was booked last, while the bucket returns; else None
     booking:     the last booking; None: none yet
     missed:      loads that are not booked
-    seen_us:     time of the last measurement [us]; None: none yet
+    measured_us: time of the last measurement [us]; None: none yet
     remembered:  whether the candidate is from before an interruption, so that its load may have left the bucket
     withheld:    whether bookings wait, because the monitor has evidence of a sensor fault
     probable:    errors of the signals; None: not known
@@ -237,7 +237,7 @@ class Bookings(Estimator):
     dumped: Weighed | None = None
     booking: Booking | None = None
     missed: Missed = NONE_MISSED
-    seen_us: int | None = None
+    measured_us: int | None = None
     remembered: bool = False
     withheld: bool = False
     probable: ProbableErrors | None = None
@@ -248,11 +248,11 @@ class Bookings(Estimator):
         """Return the state before any weight."""
         return cls(constants)
 
-    def seen(self, t_us: int) -> None:
+    def note_measurement(self, t_us: int) -> None:
         """Update the time [us] of the last measurement; discard the load after a pause longer than REFILL_S."""
-        if self.seen_us is not None and not 0 <= t_us - self.seen_us <= 1e6 * REFILL_S:
-            self.lose_sight()
-        self.seen_us = t_us
+        if self.measured_us is not None and not 0 <= t_us - self.measured_us <= 1e6 * REFILL_S:
+            self.discard_candidate()
+        self.measured_us = t_us
 
     def end_lift(self) -> None:
         """Discard the weights of a lift that has ended."""
@@ -264,7 +264,7 @@ class Bookings(Estimator):
         if self.candidate is not None:
             self.candidate = replace(self.candidate, moving=0)
 
-    def lose_sight(self) -> None:
+    def discard_candidate(self) -> None:
         """Report the candidate as missed, because the bucket may have been emptied and filled again unobserved."""
         if self.candidate is not None:
             self._miss(self.candidate.mass, MissedReason.INTERRUPTED)
@@ -290,7 +290,7 @@ class Bookings(Estimator):
         lifted = self.candidate or self.dumped
         if lifted is None or self.withheld or not self._is_known(lifted, settled, drift):
             if self.candidate is not None:
-                self.candidate = replace(self.candidate, moving=GONE)
+                self.candidate = replace(self.candidate, moving=EMPTY_DETECTED)
         elif self._has_left(lifted, settled, drift):
             self._book(lifted, settled, t_us, drift)
 
@@ -335,14 +335,14 @@ class Bookings(Estimator):
         smaller = by < 0.0
         if self.remembered:
             reason = MissedReason.INTERRUPTED
-        elif before.moving == GONE:
+        elif before.moving == EMPTY_DETECTED:
             reason = MissedReason.EMPTY_INACCURATE
         elif smaller and turned_and_back(before, now):
             reason = MissedReason.DUMP_NOT_WEIGHED
         else:
             return
         same = abs(by) <= AGREES * self.constants.error(difference(now, before), drift)
-        if same or (self.remembered and smaller and leaves(before, now, drift)):
+        if same or (self.remembered and smaller and is_remainder(before, now, drift)):
             return
         self._miss(before.corrected(drift), reason)
 
@@ -352,11 +352,11 @@ class Bookings(Estimator):
         A smaller load that is being dumped does not replace the candidate. A load that has become smaller without a
         dump does, because a part of it was lost."""
         before = self.candidate
-        if before is None or before.moving == GONE:
+        if before is None or before.moving == EMPTY_DETECTED:
             return now
         by = now.corrected(drift) - before.corrected(drift)
         differs = abs(by) > AGREES * self.constants.error(difference(now, before), drift)
-        if by < 0.0 and differs and leaves(before, now, drift):
+        if by < 0.0 and differs and is_remainder(before, now, drift):
             return before
         if differs:
             return now
@@ -388,7 +388,7 @@ class Bookings(Estimator):
         self.candidate, self.dumped, self.remembered = None, lifted, False
 
 
-def leaves(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
+def is_remainder(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
     """Return whether a smaller load `now` is the remainder of the load `before`, which is being dumped.
 
     The tool has turned by more than REPOSE from the weight `before` to the start of the load `now`, and has not turned

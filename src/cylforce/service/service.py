@@ -198,8 +198,8 @@ class WeighingService(Estimator):
         """
         other = WeighingService.start(core, replace(self.memory, hanging=None))
         other.bookings.restore(self.bookings.snapshot())
-        other.bookings.lose_sight()
-        other.bookings.probable, other.bookings.seen_us = None, None
+        other.bookings.discard_candidate()
+        other.bookings.probable, other.bookings.measured_us = None, None
         if unconfirmed is not None:
             other.bookings.unconfirmed = unconfirmed
         last = self.estimate
@@ -276,8 +276,8 @@ class WeighingService(Estimator):
             return answer
         self.receive()
         self._fit(tool)
-        self.bookings.lose_sight()
-        self.bookings.seen_us = None
+        self.bookings.discard_candidate()
+        self.bookings.measured_us = None
         self.load.interrupt()
         self.tool_check = ToolCheck()
         self.recognizer = Recognizer.start(self.fitted.recognizer)
@@ -370,7 +370,7 @@ class WeighingService(Estimator):
         self.load.interrupt()
         self.bookings.end_lift()
         if reason is Reason.END_STOP:
-            self.bookings.seen_us = t_us
+            self.bookings.measured_us = t_us
         self.recognizer.interrupt()
         self.force.interrupt()
         self.base.interrupt()
@@ -396,7 +396,7 @@ class WeighingService(Estimator):
         curled: whether the bucket is curled far enough for a booking
         """
         bookings, lift = self.bookings, self.load.lift
-        bookings.seen(t_us)
+        bookings.note_measurement(t_us)
         if self.load.event is LiftEvent.ENDED:
             bookings.end_lift()
         elif self.load.event is LiftEvent.CHANGED:
@@ -414,7 +414,7 @@ class WeighingService(Estimator):
         A suspicion that does not wait for motion in the air discards loads that are not booked yet."""
         suspicion = self.monitor.suspicion
         if suspicion.level is not Level.FINE and not suspicion.waits:
-            self.bookings.lose_sight()
+            self.bookings.discard_candidate()
         self.bookings.withheld = self.monitor.unsure
         self.bookings.probable = self.monitor.undetected.probable
 

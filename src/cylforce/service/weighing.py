@@ -24,7 +24,7 @@ from cylforce.estimation.residual import (
     load_spread,
 )
 from cylforce.service.adaptation import DriftKnowledge, no_drift
-from cylforce.service.loading.lift import Lift, Look, Weight, lift_numbers
+from cylforce.service.loading.lift import Lift, SpillCheck, Weight, lift_numbers
 from cylforce.service.residual import InstantResidual, residual_of, residual_of_arrays
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.service.spill import EVERY_S, KEPT, block_diagonal, changed_at, information
@@ -195,19 +195,19 @@ class LoadEstimator(Estimator):
         lift.refused = 0
         lift.moving += in_motion
         if lift.taken % c.every == 0 and lift.taken <= c.long:
-            self._look(drift, tilt)
+            self._check_spill(drift, tilt)
 
-    def _look(self, drift: DriftKnowledge, tilt: float | None) -> None:
+    def _check_spill(self, drift: DriftKnowledge, tilt: float | None) -> None:
         """Examine the lift for a spill or an addition of load; if there is one, begin the lift anew after it."""
         c, lift = self.constants, self.lift
-        now, last = information(lift.root, lift.gram), Look(lift.moving, tilt)
+        now, last = information(lift.root, lift.gram), SpillCheck(lift.moving, tilt)
         if lift.values[0] > EMPTY_BELOW * c.rated:
             covariance = block_diagonal(c.tares.covariance, drift.covariance)
             at = changed_at(lift.marks, now, covariance, GOOD_ENOUGH * c.rated)
             if at is not None:
                 self.lift = lift.since(at, now, last, c.every, c.nothing)
                 return
-        lift.look(now, last, KEPT)
+        lift.keep_check(now, last, KEPT)
 
     def _fade(self, work: Numbers) -> None:
         """Fade a small share of the old information of a long lift in the directions of the rows in `work`.

@@ -53,13 +53,13 @@ class Kernel(Protocol):
         usable: Flat,
         rested: Flat,
         known: Flat,
-        unsure: Flat,
+        drift_covariance: Flat,
         work: Flat,
         lift: Flat,
         /,
     ) -> int: ...
     def take(self, s: Solver, rows: Flat, residual: Flat, work: Flat, lift: Flat, /) -> None: ...
-    def conclude(self, s: Solver, lift: Flat, drift: Flat, unsure: Flat, found: Flat, /) -> None: ...
+    def conclude(self, s: Solver, lift: Flat, drift: Flat, drift_covariance: Flat, found: Flat, /) -> None: ...
     def weigh_load(
         self,
         s: Solver,
@@ -69,7 +69,7 @@ class Kernel(Protocol):
         usable: Flat,
         rested: Flat,
         known: Flat,
-        unsure: Flat,
+        drift_covariance: Flat,
         work: Flat,
         lift: Flat,
         found: Flat,
@@ -119,8 +119,8 @@ class Kernel(Protocol):
         gram: Flat,
         /,
     ) -> int: ...
-    def everyday(
-        self, s: Solver, unsure: Flat, before: Flat, frictions: int, unknown: float, change: Flat, /
+    def daily_change(
+        self, s: Solver, drift_covariance: Flat, before: Flat, frictions: int, unknown: float, change: Flat, /
     ) -> None: ...
     def gather_block(
         self,
@@ -128,7 +128,7 @@ class Kernel(Protocol):
         rows: Flat,
         usable: Flat,
         drift: Flat,
-        unsure: Flat,
+        drift_covariance: Flat,
         before: Flat,
         frictions: int,
         unknown: float,
@@ -137,11 +137,11 @@ class Kernel(Protocol):
         memory: float,
         residual: Flat,
         change: Flat,
-        believed: Flat,
+        expected: Flat,
         gram: Flat,
         /,
     ) -> int: ...
-    def mislead(
+    def error_torques(
         self,
         p: Plan,
         s: Solver,
@@ -167,7 +167,7 @@ class Kernel(Protocol):
         residual: Flat,
         lift: Flat,
         channels: Flat,
-        asked: int,
+        learns: int,
         swings: float,
         share: float,
         fits: float,
@@ -182,7 +182,7 @@ class Kernel(Protocol):
     def turn_force(
         self, p: Plan, channels: Flat, x: float, z: float, turned: Counts, angles: int, begin: int, out: Flat, /
     ) -> None: ...
-    def notice(
+    def mass_slopes(
         self, lift: Flat, running: Flat, size: int, prior: Flat, memory: float, errors: int, work: Flat, slopes: Flat, /
     ) -> None: ...
     # followed.py

@@ -36,7 +36,7 @@ def push(
     now, reversing = size + s.r, 3 * size + 2 * s.r
     lever = reversing + s.c
     own_columns(s, rows, now)
-    leave(s, rows, now, drift, found)
+    instant_residual(s, rows, now, drift, found)
     loaded(s, s.own, s.p, s.other)
     for i in range(4 * s.r):
         found[gains + 2 * s.r + i] = s.other[i]
@@ -85,7 +85,7 @@ def widen(s: KernelSolver, wrong: Numbers, errors: Count, found: Numbers, to: Co
 
 
 @inner
-def leave(s: KernelSolver, columns: Numbers, begin: Count, drift: Numbers, found: Numbers) -> None:
+def instant_residual(s: KernelSolver, columns: Numbers, begin: Count, drift: Numbers, found: Numbers) -> None:
     """Compute the residual torque (R,) of tares and drift, from columns (R, K) and torques (R,) from `begin` on."""
     own, values, at, torque = s.own, s.values, s.at, begin + s.r * s.k
     for r in range(s.r):

@@ -36,10 +36,10 @@ def gather(
     number:         H
     memory:         samples that count as one
     """
-    telling = 0
+    informative = 0
     for r in range(s.r):
-        telling += usable[r] != 0.0 and residual[2 * s.r + r] < residual[s.r + r]
-    if telling == 0:
+        informative += usable[r] != 0.0 and residual[2 * s.r + r] < residual[s.r + r]
+    if informative == 0:
         return 0
     size = 5 + s.d + number
     own_columns(s, rows, 0)
@@ -48,8 +48,8 @@ def gather(
         variance, rest = residual[s.r + r], residual[2 * s.r + r]
         if usable[r] != 0.0 and rest < variance:
             x = s.other
-            unsure = quadratic(s, s.covariance, 0, s.p, s.own, r * s.p)
-            weight = 1.0 / sqrt((variance + rest + unsure) * memory)
+            by_tares = quadratic(s, s.covariance, 0, s.p, s.own, r * s.p)
+            weight = 1.0 / sqrt((variance + rest + by_tares) * memory)
             for i in range(4):
                 x[i] = s.spread[4 * r + i] * weight
             for i in range(s.d):
@@ -60,20 +60,20 @@ def gather(
             for i in range(size):
                 if x[i] != 0.0:
                     add(gram, i * size, x[i], x, 0, size)
-    return telling
+    return informative
 
 
-def everyday(
-    s: KernelSolver, unsure: Numbers, before: Numbers, frictions: Count, unknown: Number, change: Numbers
+def daily_change(
+    s: KernelSolver, drift_covariance: Numbers, before: Numbers, frictions: Count, unknown: Number, change: Numbers
 ) -> None:
-    """Compute the usual change `change` (D,) of friction and zeros from one day to another.
+    """Compute the standard error `change` (D,) of a change of friction and zeros from one day to another.
 
     It is `before` (D,). Each of the `frictions` is (1 + `unknown`) times as large while its drift, of covariance
-    `unsure` (D, D), is as uncertain as that."""
+    `drift_covariance` (D, D), is as uncertain as that."""
     for i in range(s.d):
         change[i] = before[i]
         if i < frictions:
-            change[i] *= 1.0 + unknown * sqrt(min(unsure[i * s.d + i] / (before[i] * before[i]), 1.0))
+            change[i] *= 1.0 + unknown * sqrt(min(drift_covariance[i * s.d + i] / (before[i] * before[i]), 1.0))
 
 
 def gather_block(
@@ -81,7 +81,7 @@ def gather_block(
     rows: Numbers,
     usable: Numbers,
     drift: Numbers,
-    unsure: Numbers,
+    drift_covariance: Numbers,
     before: Numbers,
     frictions: Count,
     unknown: Number,
@@ -90,23 +90,23 @@ def gather_block(
     memory: Number,
     residual: Numbers,
     change: Numbers,
-    believed: Numbers,
+    expected: Numbers,
     gram: Numbers,
 ) -> Count:
-    """Gather an instant of a block of the plausibility, with `everyday` changes, see `gather`.
+    """Gather an instant of a block of the plausibility, with `change` from `daily_change`, see `gather`.
 
     drift:                      (D,) of which so many `frictions` are used, no zeros
-    unsure:                     (D, D) covariance of the drift
-    residual, change, believed: (3 + D, R), (D,), (D,) room for results
+    drift_covariance:           (D, D) covariance of the drift
+    residual, change, expected: (3 + D, R), (D,), (D,) room for results
     """
-    everyday(s, unsure, before, frictions, unknown, change)
+    daily_change(s, drift_covariance, before, frictions, unknown, change)
     for i in range(s.d):
-        believed[i] = drift[i] if i < frictions else 0.0
-    explain(s, rows, believed, residual)
+        expected[i] = drift[i] if i < frictions else 0.0
+    explain(s, rows, expected, residual)
     return gather(s, rows, residual, usable, change, errors, number, memory, gram)
 
 
-def mislead(
+def error_torques(
     p: KernelPlan,
     s: KernelSolver,
     rows: Numbers,
@@ -170,7 +170,7 @@ def turn_force(
                 out[p.row[j] * (begin + angles) + begin + a] = -(p.level[2 * far] * x + p.level[2 * far + 1] * z)
 
 
-def notice(
+def mass_slopes(
     lift: Numbers,
     running: Numbers,
     size: Count,
@@ -209,7 +209,7 @@ def rock(
     residual: Numbers,
     lift: Numbers,
     channels: Numbers,
-    asked: Count,
+    learns: Count,
     swings: Number,
     share: Number,
     fits: Number,
@@ -222,7 +222,7 @@ def rock(
 ) -> None:
     """Update the variances of the first pin's acceleration, and compute the variance that they add to each row.
 
-    If `asked`, the `state` moves by a `share` towards the square of an acceleration, less its own variance. It is the
+    If `learns`, the `state` moves by a `share` towards the square of an acceleration, less its own variance. It is the
     acceleration that best explains the torque which the load of a lift does not explain. Contact or a dump exceeds
     `fits` mean squares by the variance without this one. Such an instant is not used: it would otherwise excuse more
     and more.
@@ -237,7 +237,7 @@ def rock(
     """
     without_load(s, rows, residual, lift, over, values)
     pin_levers(p, channels, values, levers)
-    if asked:
+    if learns:
         accelerate(s, residual, swings, share, fits, prior, over, levers, state)
     forward, upward = max(state[0], swings), max(state[1], swings)
     for r in range(s.r):

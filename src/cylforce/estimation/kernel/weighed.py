@@ -91,21 +91,21 @@ def gate(
     usable: Numbers,
     rested: Numbers,
     known: Numbers,
-    unsure: Numbers,
+    drift_covariance: Numbers,
     work: Numbers,
     lift: Numbers,
 ) -> Count:
     """Return whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves.
 
-    rows:          columns (R, K) of the instant
-    residual:      its residual (`explain`)
-    wider:         (R,) added to the variance of each row
-    usable:        (R,) rows that can be used
-    rested:        (R,) steps at rest of the lift
-    known, unsure: (D,) drift and (D, D) its covariance
-    work:          (8, R) results: columns of the load (R, 4), torque with the drift, variance, rows to be taken in, new
-                   steps at rest
-    lift:          numbers of the lift
+    rows:                    columns (R, K) of the instant
+    residual:                its residual (`explain`)
+    wider:                   (R,) added to the variance of each row
+    usable:                  (R,) rows that can be used
+    rested:                  (R,) steps at rest of the lift
+    known, drift_covariance: (D,) drift and (D, D) its covariance
+    work:                    (8, R) results: columns of the load (R, 4), torque with the drift, variance, rows to be
+                             taken in, new steps at rest
+    lift:                    numbers of the lift
     """
     loaded(s, rows, s.k, work)
     shift(s, lift, known)
@@ -118,8 +118,9 @@ def gate(
             by += residual[drifting + i] * known[i]
         for i in range(4):
             expected += work[4 * r + i] * s.spread[i]
+        by_drift = s.cold * s.cold * quadratic(s, drift_covariance, 0, s.d, residual, drifting)
         uncertainty = quadratic(s, lift, COVARIANCE, 4, work, 4 * r)
-        uncertainty += min(s.cold * s.cold * quadratic(s, unsure, 0, s.d, residual, drifting), s.drifted * variance)
+        uncertainty += min(by_drift, s.drifted * variance)
         uncertainty += variance + s.break_away * s.break_away * rest
         still = rest > variance
         steps = min(rested[r], s.patience) + 1.0 if still else max(rested[r] - 1.0, 0.0)
@@ -169,16 +170,16 @@ def weigh_load(
     usable: Numbers,
     rested: Numbers,
     known: Numbers,
-    unsure: Numbers,
+    drift_covariance: Numbers,
     work: Numbers,
     lift: Numbers,
     found: Numbers,
 ) -> Count:
     """Take an instant into the lift if it fits, conclude, and return whether it fits: `gate`, `take` and `conclude`."""
-    fits = gate(s, rows, residual, wider, usable, rested, known, unsure, work, lift)
+    fits = gate(s, rows, residual, wider, usable, rested, known, drift_covariance, work, lift)
     if fits != 0:
         take(s, rows, residual, work, lift)
-    conclude(s, lift, known, unsure, found)
+    conclude(s, lift, known, drift_covariance, found)
     return fits
 
 
@@ -262,8 +263,8 @@ def sensitivity(lift: Numbers, row: Count, size: Count, start: Count, into: Numb
         into[at + j - start] = total + c * lift[g + 2 * size] + d * lift[g + 3 * size]
 
 
-def conclude(s: KernelSolver, lift: Numbers, drift: Numbers, unsure: Numbers, found: Numbers) -> None:
-    """Compute the result of a lift with the drift `drift` (D,) and its covariance `unsure` (D, D).
+def conclude(s: KernelSolver, lift: Numbers, drift: Numbers, drift_covariance: Numbers, found: Numbers) -> None:
+    """Compute the result of a lift with the drift `drift` (D,) and its covariance `drift_covariance` (D, D).
 
     found: mass, its standard error by noise, tares, drift and scale; centre x, z of the load, their standard errors;
            standard error of the first moment by the drift; sensitivity (P + D,) of the mass to tares and drift
@@ -274,10 +275,10 @@ def conclude(s: KernelSolver, lift: Numbers, drift: Numbers, unsure: Numbers, fo
     moment = 0.0
     for i in range(1, 3):
         sensitivity(lift, i, size, s.p, other, 0)
-        moment += quadratic(s, unsure, 0, d, other, 0)
+        moment += quadratic(s, drift_covariance, 0, d, other, 0)
     mass = s.spread[0]
     wrong = mass * s.scale_error
-    common = quadratic(s, s.covariance, 0, s.p, found, 7) + quadratic(s, unsure, 0, s.d, found, 7 + s.p)
+    common = quadratic(s, s.covariance, 0, s.p, found, 7) + quadratic(s, drift_covariance, 0, s.d, found, 7 + s.p)
     found[0], found[1] = mass, sqrt(max(lift[COVARIANCE] + common + wrong * wrong, 0.0))
     scale = mass if abs(mass) > 1.0 else 1.0
     for i in range(2):

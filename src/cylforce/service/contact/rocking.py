@@ -97,11 +97,11 @@ class BaseFilter(Estimator):
         self.total += channels[-3]
         self.number += 1
         if self.number >= self.constants.lag:
-            self._look(residual, channels, lift, usable)
+            self._learn(residual, channels, lift, usable)
         if self.wider:
             residual.wider = self.wider
 
-    def _look(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
+    def _learn(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
         """Update the accelerations from a mean pitch, and from the torques that a settled load does not explain."""
         c, rows = self.constants, len(usable)
         self._tilt()

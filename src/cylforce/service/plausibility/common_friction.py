@@ -38,7 +38,7 @@ class FrictionFit:
 class OneFriction:
     """Blocks of one window (B), and their costs with a friction f (F,) that all of them share.
 
-    blocks: with their `rows`, `masses` and `belief`
+    blocks: with their `rows`, `masses` and `friction_prior`
     rated:  rated payload [kg]
     """
 
@@ -79,7 +79,7 @@ class OneFriction:
         errors:  (B,) of the signal [bar, rad]
         choices: masks (B,) of the blocks to use, each of which is tried
         """
-        mean, spread = self.blocks.belief[-1]
+        mean, spread = self.blocks.friction_prior[-1]
         fits = []
         for used in choices:
             friction = self._fitted(signal, errors, used)
@@ -89,7 +89,7 @@ class OneFriction:
 
     def _fitted(self, signal: int, errors: Array, used: Mask) -> Array:
         """Return the friction (F,) that explains the `used` blocks (B,) best, beside `errors` (B,)."""
-        (mean, spread), rows = self.blocks.belief[-1], self.blocks.rows[used]
+        (mean, spread), rows = self.blocks.friction_prior[-1], self.blocks.rows[used]
         size = len(mean)
         residual = rows[:, :size, -1] - errors[used, None] * rows[:, :size, size + signal]
         information = rows[:, :size, :size].sum(axis=0) + np.diag(spread**-2)

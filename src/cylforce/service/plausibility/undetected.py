@@ -99,7 +99,7 @@ class UndetectedErrors(Estimator):
         if blocks.explained and taken >= SAMPLES * EVERY:
             self._take_second(c.without_zeros(blocks.last, drift))
         slopes, room = ZERO * c.size, ZERO * (2 * LOAD * LOAD)
-        c.kernel.notice(self.lift, blocks.products, len(self.lift), c.prior, c.memory, c.size, room, slopes)
+        c.kernel.mass_slopes(self.lift, blocks.products, len(self.lift), c.prior, c.memory, c.size, room, slopes)
         self.slopes = np.frombuffer(slopes)
         turned = c.turned_force(channels, acting(resultant))
         self.torques = (blocks.errors + turned) * self.probable.sizes
