@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 from cylforce.estimation.kernel import inputs
-from cylforce.programs.live.sensor_messages import CODES, WHY
+from cylforce.programs.live.sensor_messages import CODES, LEVELS, WHY
+from cylforce.programs.run import WHY_MISSED
+from cylforce.service.booking import MissedReason
 from cylforce.service.plausibility.suspicion import LATCHED, LATCHED_IF_CONFIRMED, Level, SensorFault, SensorSuspicion
 from cylforce.signals.estimate import Reason, Status
 
@@ -36,6 +38,15 @@ def test_every_sensor_fault_has_a_code_and_a_sentence():
     faults = set(SensorFault) - {SensorFault.NONE}
     assert set(CODES) == set(WHY) == faults
     assert all(0xFF10 <= code <= 0xFFFF for code in CODES.values())
+
+
+def test_the_words_of_the_journal_for_levels_never_change():
+    assert {level.name: word for level, word in LEVELS.items()} == {"SUSPECTED": "doubted", "REJECTED": "rejected"}
+
+
+def test_every_reason_of_a_missed_load_has_a_sentence():
+    assert set(WHY_MISSED) == set(MissedReason)
+    assert len(set(WHY_MISSED.values())) == len(MissedReason)
 
 
 def test_reasons_and_status_have_the_numbers_of_the_chapter():
