@@ -24,7 +24,7 @@ from cylforce.programs.identify import How, run_identify, show
 from cylforce.programs.live.books import changed
 from cylforce.programs.sim import START_US
 from cylforce.service import commands
-from cylforce.service.booking import Missed, Weighed
+from cylforce.service.booking import Missed, MissedReason, Weighed
 from cylforce.service.commands import Scale
 from cylforce.service.core import Core
 from cylforce.service.loading.truck import Truck
@@ -257,7 +257,7 @@ class TestChoice:
         hung = Weighed(900.0, 4.0, np.zeros(2), np.zeros(1), 300)
         for kept in (Memory(hanging=hung), Memory(hanging=hung).emptied()):
             state = WeighingService.start(core, kept)
-            assert state.bookings.missed == Missed(1, 900.0, True)
+            assert state.bookings.missed == Missed(1, 900.0, MissedReason.INTERRUPTED)
             assert state.memory == Memory()
             assert changed(kept, state.memory)
 

@@ -13,7 +13,7 @@ from cylforce.signals.estimate import Array
 
 MIN_SECONDS = 1.0  # s of consistent samples before a weight is shown; chosen
 GOOD_ENOUGH = 0.01  # times the rated payload: largest standard error to be shown as OK and to be booked; chosen
-SMALLEST = 0.05  # times the rated payload: below it the bucket counts as empty; chosen
+EMPTY_BELOW = 0.05  # times the rated payload: a bucket with a smaller mass counts as empty; chosen
 RELATIVE = 0.01  # times the residual: model error that grows with the load (friction, elasticity); chosen
 # s: a rest of this length counts as one sample, because friction at rest does not average out; longer rest is not used;
 # chosen.

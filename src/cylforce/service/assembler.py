@@ -239,7 +239,7 @@ class Assembler(Estimator):
             if node.node_id == node_id:
                 self._put(layout.pdo(number), PdoRate())
         for k in {s.signal for d in constants.decoders.values() if d.node_id == node_id for s in d.slots}:
-            self._put(layout.signal(k), Channel.without_value(Reason.NOT_OPERATIONAL, self.channels[k].leapt))
+            self._put(layout.signal(k), Channel.without_value(Reason.NOT_OPERATIONAL, self.channels[k].stepped))
 
     def _put(self, place: slice, what: Channel | PdoRate | LastHeartbeat) -> None:
         self.state[place] = numbers(astuple(what))
@@ -254,14 +254,14 @@ class Assembler(Estimator):
         reasons = tuple([REASONS[x] for x in found[place.reasons]]) if bad else constants.fine
         values = found[place.values]
         constants.unwrapping.apply(values)
-        return Sample(t_us, values, reasons, REASONS[found[place.late]], self.leapt if found[place.leapt] else ())
+        return Sample(t_us, values, reasons, REASONS[found[place.late]], self.stepped if found[place.stepped] else ())
 
     @property
-    def leapt(self) -> tuple[int, ...]:
+    def stepped(self) -> tuple[int, ...]:
         """Numbers of the signals that have stepped: their values before or after the step are wrong."""
         found = self.constants.still[:]
-        self.constants.kernel.leapt(self.constants.plan, self.state, found)
-        return tuple(k for k, leapt in enumerate(found) if leapt)
+        self.constants.kernel.stepped(self.constants.plan, self.state, found)
+        return tuple(k for k, stepped in enumerate(found) if stepped)
 
     @property
     def arrivals_us(self) -> Numbers:

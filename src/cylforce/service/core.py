@@ -12,7 +12,8 @@ from cylforce.service.contact.lateness import force_delay_s
 from cylforce.service.contact.rocking import BaseConstants
 from cylforce.service.pipeline import PipelineConstants
 from cylforce.service.plausibility.detector import MonitoredMachine
-from cylforce.service.publication import GROSS, MAGNITUDE, Encoders
+from cylforce.service.publication import Encoders
+from cylforce.service.published_values import GROSS, MAGNITUDE
 from cylforce.service.recognition import RecognizerConstants
 from cylforce.service.snapshot import Constants
 from cylforce.service.weighing import LoadConstants

@@ -9,7 +9,7 @@ is booked."""
 
 from dataclasses import dataclass
 
-from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.service.loading.lift import Weight
 from cylforce.service.snapshot import Estimator
 from cylforce.service.weighing import LoadEstimator
@@ -35,12 +35,13 @@ class ToolCheck(Estimator):
     def update(self, load: LoadEstimator, weight: Weight) -> None:
         """Update the check with the weight of a lift, once it has settled in motion and is accurate.
 
-        The weight is that of an empty tool if it is plausible and differs from zero by at most SMALLEST rated payloads
-        or three standard errors. It is impossible if it is not plausible, and negative or no more than that."""
+        The weight is that of an empty tool if it is plausible and differs from zero by at most EMPTY_BELOW rated
+        payloads or three standard errors. It is impossible if it is not plausible, and negative or no more than that.
+        """
         lift, settled, rated = load.lift, load.constants.settled_samples, load.constants.rated
         if lift.refused or lift.moving < settled or load.noise > GOOD_ENOUGH * rated:
             return
-        limit = SMALLEST * rated
+        limit = EMPTY_BELOW * rated
         certain = abs(weight.mass) > max(limit, 3.0 * weight.standard_error)
         plausible = load.is_plausible(weight)
         impossible = not plausible and (weight.mass < 0.0 or not certain)

@@ -15,16 +15,16 @@ from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import forget, update
 from cylforce.estimation.residual import (
+    EMPTY_BELOW,
     GOOD_ENOUGH,
     MIN_SECONDS,
     REST_SECONDS,
-    SMALLEST,
     Residual,
     correlated,
     load_spread,
 )
 from cylforce.service.adaptation import DriftKnowledge, no_drift
-from cylforce.service.loading.lift import Lift, Look, Weight, lift_numbers
+from cylforce.service.loading.lift import Lift, SpillCheck, Weight, lift_numbers
 from cylforce.service.residual import InstantResidual, residual_of, residual_of_arrays
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.service.spill import EVERY_S, KEPT, block_diagonal, changed_at, information
@@ -215,9 +215,9 @@ class LoadEstimator(Estimator):
         lift.refused = 0
         lift.moving += in_motion
         if lift.taken % c.spill_samples == 0 and lift.taken <= c.fading_samples:
-            self._look(drift, tilt)
+            self._check_spill(drift, tilt)
 
-    def _look(self, drift: DriftKnowledge, tilt: float | None) -> None:
+    def _check_spill(self, drift: DriftKnowledge, tilt: float | None) -> None:
         """Examine the lift for a spill or an addition of load; if there is one, the lift begins anew after it.
 
         Otherwise the examination is stored, so that later ones are compared with it. A lift without a load is not
@@ -227,14 +227,14 @@ class LoadEstimator(Estimator):
         tilt:  angle of the tool to the house [rad]; None where the tool does not empty by tilting
         """
         c, lift = self.constants, self.lift
-        now, last = information(lift.root, lift.gram), Look(lift.moving, tilt)
-        if lift.values[0] > SMALLEST * c.rated:
+        now, last = information(lift.root, lift.gram), SpillCheck(lift.moving, tilt)
+        if lift.values[0] > EMPTY_BELOW * c.rated:
             covariance = block_diagonal(c.tares.covariance, drift.covariance)
             at = changed_at(lift.marks, now, covariance, GOOD_ENOUGH * c.rated)
             if at is not None:
                 self.lift = lift.since(at, now, last, c.spill_samples, c.no_information)
                 return
-        lift.look(now, last, KEPT)
+        lift.keep_check(now, last, KEPT)
 
     def _fade(self, work: Numbers) -> None:
         """Fade a small share of the old information of a long lift in the directions of the rows in `work`.
@@ -272,16 +272,16 @@ class LoadEstimator(Estimator):
         Its mass must be positive and its centre within reach. For a mass near zero the first moment must be near zero,
         too."""
         rated, reach = self.constants.rated, self.constants.reach
-        if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
+        if abs(weight.mass) < max(EMPTY_BELOW * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)
-            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach + COLD * weight.drifted
+            return moment < (EMPTY_BELOW * rated + 3.0 * weight.standard_error) * reach + COLD * weight.drifted
         return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
     def is_light(self, weight: Weight) -> bool:
         """Return whether the weight is below that of a load."""
-        return weight.mass < SMALLEST * self.constants.rated
+        return weight.mass < EMPTY_BELOW * self.constants.rated
 
-    def doubt(self, weight: Weight) -> Reason | None:
+    def refusal(self, weight: Weight) -> Reason | None:
         """Return the reason why there is no valid weight; None: there is one.
 
         IN_CONTACT: the last samples do not fit the load; STARTING: too few samples; NOT_A_LOAD: no load can have this
@@ -297,14 +297,14 @@ class LoadEstimator(Estimator):
     def load(self, weight: Weight, *, curled: bool = True) -> Load:
         """Return the load before zero and tare as it is published: mass [kg] and centre x, z [m], with their status.
 
-        It is INVALID if there is no valid weight (`doubt`). The centre of a weight that is lighter than a load is
+        It is INVALID if there is no valid weight (`refusal`). The centre of a weight that is lighter than a load is
         INVALID (NOT_A_LOAD).
 
         weight: of the lift
         curled: whether the bucket is curled far enough; otherwise a load that is OK becomes DEGRADED (NOT_CURLED)
         """
-        if (doubt := self.doubt(weight)) is not None:
-            return invalid_load(doubt)
+        if (refusal := self.refusal(weight)) is not None:
+            return invalid_load(refusal)
         status, reason = self._trust(weight)
         mass = Quantity(weight.mass, weight.standard_error, status, reason)
         if self.is_light(weight):

@@ -30,7 +30,7 @@ class Kernel(Protocol):
         self, p: Inputs, state: Flat, sorts: Counts, number: int, times: Flat, raw: Flat, moving: Flat, /
     ) -> None: ...
     def usable(self, p: Inputs, state: Flat, t_us: float, sample: Flat, /) -> int: ...
-    def leapt(self, p: Inputs, state: Flat, found: Flat, /) -> None: ...
+    def stepped(self, p: Inputs, state: Flat, found: Flat, /) -> None: ...
     def quantise(self, size: int, limits: Flat, values: Flat, sent: Counts, /) -> None: ...
     # plan.py
     def sense(self, p: Sensors, values: Flat, into: Flat, /) -> int: ...
@@ -141,7 +141,7 @@ class Kernel(Protocol):
 
         Which arguments are read and written, with shapes and units: see `recognised.gather`."""
 
-    def everyday(
+    def daily_change(
         self, s: Solver, drift_covariance: Flat, stroke_errors: Flat, frictions: int, unknown: float, change: Flat, /
     ) -> None: ...
     def gather_block(
@@ -167,7 +167,7 @@ class Kernel(Protocol):
 
         Which arguments are read and written, with shapes and units: see `recognised.gather_block`."""
 
-    def mislead(
+    def error_torques(
         self,
         p: Plan,
         s: Solver,
@@ -187,7 +187,7 @@ class Kernel(Protocol):
     ) -> None:
         """Compute the residual torque by a unit error of each signal: the sensitivity (R, H) to misleading readings.
 
-        Which arguments are read and written, with shapes and units: see `recognised.mislead`."""
+        Which arguments are read and written, with shapes and units: see `recognised.error_torques`."""
 
     def rock(
         self,
@@ -216,7 +216,7 @@ class Kernel(Protocol):
     def turn_force(
         self, p: Plan, channels: Flat, x: float, z: float, joints: Counts, angles: int, first: int, torques: Flat, /
     ) -> None: ...
-    def notice(
+    def mass_slopes(
         self,
         lift_gram: Flat,
         block_gram: Flat,
@@ -230,7 +230,7 @@ class Kernel(Protocol):
     ) -> None:
         """Compute the change of the load's mass per unit of each signal's error: the first row of A^-1 B.
 
-        Which arguments are read and written, with shapes and units: see `recognised.notice`."""
+        Which arguments are read and written, with shapes and units: see `recognised.mass_slopes`."""
 
     # followed.py
     def certain(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
@@ -253,9 +253,9 @@ class Kernel(Protocol):
 
         Which arguments are read and written, with shapes and units: see `followed.follow`."""
 
-    # heard.py
+    # pressures.py
     def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
-    def sure_leaps(
+    def certain_steps(
         self,
         p: int,
         readings: Flat,
@@ -268,20 +268,20 @@ class Kernel(Protocol):
         known: float,
         least: float,
         pairs: Counts,
-        exchanges: int,
+        swaps: int,
         most: int,
         products: Flat,
         misfit: Flat,
         /,
     ) -> int:
-        """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by an exchange of
+        """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by a swap of
         plugs, 3 either, 0 none.
 
-        Which arguments are read and written, with shapes and units: see `heard.sure_leaps`."""
+        Which arguments are read and written, with shapes and units: see `pressures.certain_steps`."""
 
     def group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
     def compare(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
-    def listen(
+    def update_noise(
         self,
         p: int,
         readings: Flat,
@@ -299,4 +299,4 @@ class Kernel(Protocol):
     ) -> None:
         """Update the noise of the pressures whose cylinder moved, with one group of readings.
 
-        Which arguments are read and written, with shapes and units: see `heard.listen`."""
+        Which arguments are read and written, with shapes and units: see `pressures.update_noise`."""

@@ -274,7 +274,7 @@ def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Numbe
     value, largest = read, -p.missing[slot] - 1.0  # 7FFFh of a signed number is the error code of many sensors
     if raw != largest:
         value = in_range(read, p.low[slot], p.high[slot], p.around[slot])
-    received_before, by = state[o + RECEIVED_US], leap(p, state, t_us, k, value)
+    received_before, by = state[o + RECEIVED_US], implausible_step(p, state, t_us, k, value)
     state[o + SINCE_US] = measured_after(p, state, t_us, k)
     if raw == p.missing[slot] or not abs(value) <= LARGEST:
         state[o + RECEIVED_US], state[o + REASON], state[o + GOOD_VALUES] = t_us, NOT_A_NUMBER, 0.0
@@ -319,7 +319,7 @@ def measured_after(p: KernelInputs, state: Numbers, t_us: Number, k: Count) -> N
 
 
 @inner
-def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
+def implausible_step(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
     """Return by how much a value [SI] has stepped if that is more than is plausible; 0: it has not.
 
     Plausible is the fastest change times the time between two values, plus the noise. Time during which values were not
@@ -393,7 +393,7 @@ def usable(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> Co
     bad, sample[stepped] = 0, 0.0
     for k in range(p.s):
         bad += sample[reasons + k] != GOOD
-        if has_leapt(p, state, k):
+        if has_stepped(p, state, k):
             sample[stepped] += 1.0
     return bad
 
@@ -428,7 +428,7 @@ def judge_producers(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbe
 
 
 @inner
-def has_leapt(p: KernelInputs, state: Numbers, k: Count) -> Count:
+def has_stepped(p: KernelInputs, state: Numbers, k: Count) -> Count:
     """Return 1 if signal k has stepped and stayed there, else 0.
 
     Read:
@@ -438,7 +438,7 @@ def has_leapt(p: KernelInputs, state: Numbers, k: Count) -> Count:
     return 1 if by != 0.0 and abs(by) > room_for(p, k, 0.0) else 0
 
 
-def leapt(p: KernelInputs, state: Numbers, found: Numbers) -> None:
+def stepped(p: KernelInputs, state: Numbers, found: Numbers) -> None:
     """Compute which of the S signals have stepped and stayed there.
 
     Read:
@@ -448,7 +448,7 @@ def leapt(p: KernelInputs, state: Numbers, found: Numbers) -> None:
     found: (S,) 1 where a signal stepped, else 0
     """
     for k in range(p.s):
-        found[k] = has_leapt(p, state, k)
+        found[k] = has_stepped(p, state, k)
 
 
 def quantise(size: Count, limits: Numbers, values: Numbers, sent: Counts) -> None:

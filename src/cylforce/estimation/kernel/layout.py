@@ -196,14 +196,14 @@ class SampleLayout:
     values:  (S,) values [SI]
     reasons: (S,) reason why each is not usable, as a number of `Reason`
     late:    reason why one of them is late, as a number of `Reason`
-    leapt:   number of signals that stepped
+    stepped: number of signals that stepped
     size:    of all numbers
     """
 
     def __init__(self, signals: int) -> None:
         """Compute the places for S `signals`: values (S,), reasons (S,), then two single numbers."""
         self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
-        self.late, self.leapt = 2 * signals, 2 * signals + 1
+        self.late, self.stepped = 2 * signals, 2 * signals + 1
         self.size = 2 * signals + 2
 
 

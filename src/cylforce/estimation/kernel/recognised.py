@@ -78,7 +78,7 @@ def gather(
     return moving
 
 
-def everyday(
+def daily_change(
     s: KernelSolver,
     drift_covariance: Numbers,
     stroke_errors: Numbers,
@@ -86,7 +86,7 @@ def everyday(
     unknown: Number,
     change: Numbers,
 ) -> None:
-    """Compute the everyday change of frictions and zeros: how much a healthy machine differs from its present drift.
+    """Compute the daily change of frictions and zeros: how much a healthy machine differs from its present drift.
 
     For a zero it is its standard error between strokes. For a friction it is (1 + unknown u) times that, with u, from 0
     to 1, the standard error of its drift in units of that between strokes: 0 once the drift is known, 1 before.
@@ -99,7 +99,7 @@ def everyday(
     stroke_errors:    (D,) standard errors of the drift between strokes
 
     Written:
-    change:           (D,) everyday change, in the units of the drift
+    change:           (D,) daily change, in the units of the drift
     """
     for i in range(s.d):
         change[i] = stroke_errors[i]
@@ -131,7 +131,7 @@ def gather_block(
     frictions are subtracted from the residual torque: a pressure zero that drifts may be a fault of its sensor.
 
     frictions:        F, number of the drifts that are frictions; the zeros follow
-    unknown:          additional change of a friction whose drift is not known (`everyday`)
+    unknown:          additional change of a friction whose drift is not known (`daily_change`)
     signals:          H, number of signals whose errors are examined
     memory:           consecutive samples that count as one independent sample
 
@@ -145,20 +145,20 @@ def gather_block(
 
     Written, room for intermediate results:
     residual:         (3 + D, R) result of `weighed.explain`
-    change:           (D,) everyday change of frictions and zeros, the unit of their coefficients (`everyday`)
+    change:           (D,) daily change of frictions and zeros, the unit of their coefficients (`daily_change`)
     friction_drift:   (D,) the drift with 0 for the zeros
 
     Read and written:
     gram:             (G, G), G = 4 + D + H + 1: sum of the products of [load | changes | errors | residual] of the rows
     """
-    everyday(s, drift_covariance, stroke_errors, frictions, unknown, change)
+    daily_change(s, drift_covariance, stroke_errors, frictions, unknown, change)
     for i in range(s.d):
         friction_drift[i] = drift[i] if i < frictions else 0.0
     explain(s, rows, friction_drift, residual)
     return gather(s, rows, residual, usable, change, error_torques, signals, memory, gram)
 
 
-def mislead(
+def error_torques(
     p: KernelPlan,
     s: KernelSolver,
     rows: Numbers,
@@ -251,7 +251,7 @@ def turn_force(
                 torques[p.row[j] * (first + angles) + first + a] = torque
 
 
-def notice(
+def mass_slopes(
     lift_gram: Numbers,
     block_gram: Numbers,
     size: Count,

@@ -79,11 +79,11 @@ def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
     columns = _columns(machine, names)
     if not columns:
         return prior
-    told = [guess(c, machine.four_bars[c.name]) for c in machine.cylinders if c.name in machine.four_bars]
-    told += [of_cylinder(c) for c in machine.carried]
+    guesses = [guess(c, machine.four_bars[c.name]) for c in machine.cylinders if c.name in machine.four_bars]
+    guesses += [of_cylinder(c) for c in machine.carried]
     mean, covariance = prior.mean.copy(), prior.covariance.copy()
-    mean[columns] = [g.mean for g in told]
-    covariance[columns, columns] = [g.standard_error**2 for g in told]
+    mean[columns] = [g.mean for g in guesses]
+    covariance[columns, columns] = [g.standard_error**2 for g in guesses]
     taken = 2.0 * np.eye(len(names)) - represented(machine, names)
     return Prior(taken @ mean, taken @ covariance @ taken.T)
 

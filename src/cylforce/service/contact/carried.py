@@ -63,19 +63,19 @@ class CarriedFilter(Estimator):
         """Discard the load after an interruption of the measurement."""
         self.values, self.weighed, self.filling, self.known = ZERO * 4, self.constants.before, 0.0, False
 
-    def update(self, lift: Lift | None, dt: float, *, touching: bool) -> None:
+    def update(self, lift: Lift | None, dt: float, *, in_contact: bool) -> None:
         """Update the load with one instant.
 
-        lift:     of the load in the bucket; None: no load is weighed
-        dt:       length of the instant [s]
-        touching: whether the tool is in contact
+        lift:       of the load in the bucket; None: no load is weighed
+        dt:         length of the instant [s]
+        in_contact: whether the tool is in contact
         """
-        self.known = lift is not None and not touching
-        if lift is not None and not touching:
+        self.known = lift is not None and not in_contact
+        if lift is not None and not in_contact:
             self.values, self.weighed = lift.numbers[LIFT.values], lift.numbers[LIFT.covariance]
             self.filling = 0.0
         else:
-            self.filling += dt * touching
+            self.filling += dt * in_contact
 
     @property
     def covariance(self) -> Numbers:

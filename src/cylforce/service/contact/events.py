@@ -15,7 +15,7 @@ from cylforce.signals.contact import KEPT, ContactEvent, EventKind
 BEGINS = 64.0  # f' (C + e e')^-1 f at which contact begins: 8 standard errors, e: error of the force by its latency
 ENDS = 12.0  # f' C^-1 f below which there is no contact: 99.8 % of the noise
 ENDING_S = 0.1  # s for which it must stay there
-SMALLEST = 0.005  # times the rated force: a smaller one is no contact
+NO_CONTACT_BELOW = 0.005  # times the rated force: a smaller one is no contact
 RISE_S = 0.1  # s over which the rise of the force is measured
 STIFF = 2e5  # N/m: rise of the force over the path of the teeth that is no soil; measured in soils: up to 5e4
 JUMP = 0.05  # times the rated force: smallest rise that is a stiff object
@@ -35,7 +35,7 @@ class ContactConstants(Constants):
     """
 
     def __init__(self, rated_force: float, dt: float) -> None:
-        self.smallest, self.jump, self.dt = SMALLEST * rated_force, JUMP * rated_force, dt
+        self.smallest, self.jump, self.dt = NO_CONTACT_BELOW * rated_force, JUMP * rated_force, dt
         self.window = max(2, round(RISE_S / dt))
 
 
@@ -47,7 +47,7 @@ class ContactDetector(Estimator):
     or dumping it, is not mistaken for contact.
 
     constants:   limits
-    touching:    whether the tool is in contact
+    in_contact:  whether the tool is in contact
     away:        time since the force last exceeded the limit ENDS [s]
     seconds:     time since contact began [s]
     path:        of the teeth since contact began [m]
@@ -60,7 +60,7 @@ class ContactDetector(Estimator):
     """
 
     constants: ContactConstants
-    touching: bool
+    in_contact: bool
     away: float
     seconds: float
     path: float
@@ -76,7 +76,7 @@ class ContactDetector(Estimator):
         """Return the state before any force."""
         return cls(
             constants,
-            touching=False,
+            in_contact=False,
             away=0.0,
             seconds=0.0,
             path=0.0,
@@ -90,7 +90,7 @@ class ContactDetector(Estimator):
 
     def interrupt(self) -> None:
         """Discard all but the events after an interruption of the measurement."""
-        self.touching, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
+        self.in_contact, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
         self.since_stiff, self.course = AGAIN_S, NO_COURSE
         self.forces, self.paths = ZERO * (self.constants.window + 1), ZERO * (self.constants.window + 1)
 
@@ -118,7 +118,7 @@ class ContactDetector(Estimator):
         self.forces.append(hypot(force.x, force.z))
         self.paths.append(self.paths[-1] + way)
         self.since_stiff = min(self.since_stiff + dt, AGAIN_S)
-        if self.touching:
+        if self.in_contact:
             self.away = self.away + dt if force.clearness < ENDS else 0.0
             self.seconds += dt
             self.path += way
@@ -135,12 +135,12 @@ class ContactDetector(Estimator):
 
     def _begin(self, t_us: int, clear: float, place: complex) -> None:
         if clear > BEGINS:
-            self.touching, self.away, self.course = True, 0.0, NO_COURSE
+            self.in_contact, self.away, self.course = True, 0.0, NO_COURSE
             self._note(EventKind.CONTACT_BEGINS, t_us, place, probably(sqrt(clear), sqrt(BEGINS), 1.0))
 
     def _end(self, t_us: int, force: SolvedForce, place: complex) -> None:
         kind = EventKind.SOIL_LEFT if self.path > DUG_M else EventKind.CONTACT_ENDS
-        self.touching, self.away = False, 0.0
+        self.in_contact, self.away = False, 0.0
         self._note(kind, t_us, place, probably(sqrt(BEGINS) - sqrt(force.clearness), sqrt(BEGINS), 1.0))
 
     def _check_stiffness(self, t_us: int, force: SolvedForce, place: complex) -> None:

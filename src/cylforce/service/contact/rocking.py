@@ -104,11 +104,11 @@ class BaseFilter(Estimator):
         self.total += channels[-3]
         self.number += 1
         if self.number >= self.constants.lag:
-            self._look(residual, channels, lift, usable)
+            self._learn(residual, channels, lift, usable)
         if self.wider:
             residual.wider = self.wider
 
-    def _look(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
+    def _learn(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
         """Update the variances of the accelerations, and the variance that they add to each row.
 
         They follow from a mean pitch of the last steps and, if all rows are usable, from the torques that a settled

@@ -1,4 +1,4 @@
-"""Tests of pressures by themselves: `service.plausibility.pressure_groups` and the first test of `pressure_leap`, in
+"""Tests of pressures by themselves: `service.plausibility.pressure_groups` and the first test of `pressure_step`, in
 plain numbers.
 
 Sizes: P pressures, G = GROUPS groups of GROUP readings each, T readings, B smooth curves."""
@@ -43,7 +43,7 @@ def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Co
     return 0
 
 
-def sure_leaps(
+def certain_steps(
     p: Count,
     readings: Numbers,
     size: Count,
@@ -55,16 +55,16 @@ def sure_leaps(
     known: Number,
     least: Number,
     pairs: Counts,
-    exchanges: Count,
+    swaps: Count,
     most: Count,
     products: Numbers,
     misfit: Numbers,
 ) -> Count:
-    """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by an exchange of plugs,
+    """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by a swap of plugs,
     3 either, 0 none.
 
     The readings of a pressure around the step are fitted by smooth curves, with and without a step. In the ratio the
-    noise before the step counts as known, or not; the larger ratio counts. In an exchange, the readings of one pressure
+    noise before the step counts as known, or not; the larger ratio counts. In a swap, the readings of one pressure
     before the step continue those of another one.
 
     p:         P, number of pressures
@@ -74,14 +74,14 @@ def sure_leaps(
     free:      degrees of freedom of the variance of the residual
     known:     degrees of freedom of the noise known from before
     least:     log likelihood ratio [nats]
-    exchanges: E, number of exchanges
+    swaps:     E, number of swaps
     most:      M, largest number of pressures in one of them
 
     Read:
     readings:  (T, P) [Pa]
     curves:    (T, B + 1) orthonormal curves, of which the last is a step
     noise:     (P,) variance of the sensors [Pa^2]
-    pairs:     (E, M, 2) pressures that are exchanged, before and after the step; -1: no more
+    pairs:     (E, M, 2) pressures that are swapped, before and after the step; -1: no more
 
     Written:
     products:  (P, 2, B + 2) room: of the readings before and after the step with each curve, and sum of squares
@@ -99,7 +99,7 @@ def sure_leaps(
         by = unlikely(squares, noise[i], free, known) - unlikely(stepped, noise[i], free, known)
         if max(by, misfit[i] - misfit[p + i]) > least:
             sure = 1
-    for x in range(exchanges):
+    for x in range(swaps):
         total = 0.0
         for m in range(most):
             a, b = pairs[2 * (x * most + m)], pairs[2 * (x * most + m) + 1]
@@ -222,7 +222,7 @@ def squares_of(x: Numbers, begin: Count, step: Count, size: Count, middle: Numbe
 
 
 @inner
-def in_order(x: Numbers, begin: Count, step: Count, size: Count, above: Number, place: Count, work: Numbers) -> Number:
+def ranked(x: Numbers, begin: Count, step: Count, size: Count, above: Number, place: Count, work: Numbers) -> Number:
     """Return the number at a `place`, from 0 on, in ascending order of those that are larger than `above`.
 
     The numbers are `size` of them, every `step`th of x from `begin` on.
@@ -271,17 +271,17 @@ def compare(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
             backwards += groups[WAY * size + g * p + i] < 0.0
         ratios[i], ratios[p + i] = -1.0, 0.0
         if min(forwards, backwards) >= EACH_WAY and forwards + backwards == GROUPS:
-            noise = in_order(groups, VARIANCE * size + i, p, GROUPS, -1.0, GROUPS // 2, work)
+            noise = ranked(groups, VARIANCE * size + i, p, GROUPS, -1.0, GROUPS // 2, work)
             middle = mean_of(groups, i, p, GROUPS)
             varied = squares_of(groups, i, p, GROUPS, middle) / (GROUPS - 1)
             ratios[i] = varied * GROUP / max(noise, TINY)
-            white = in_order(groups, WHITE * size + i, p, GROUPS, -1.0, GROUPS // 2, work)
+            white = ranked(groups, WHITE * size + i, p, GROUPS, -1.0, GROUPS // 2, work)
             ratios[p + i] = noise / max(white, TINY)
             number += 1
     return number
 
 
-def listen(
+def update_noise(
     p: Count,
     readings: Numbers,
     size: Count,
@@ -416,7 +416,7 @@ def less_than_known(
         many += state[k * p + i] > 0.0
     if many < KNOWN:
         return 0
-    own = min(in_order(state, i, p, count, 0.0, many // 10, work) / tenth, stated)
+    own = min(ranked(state, i, p, count, 0.0, many // 10, work) / tenth, stated)
     squares, total, inside = 0.0, 0.0, 0.0
     last = (number - 1) * p + i
     for k in range(min(limits, number)):
