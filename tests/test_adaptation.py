@@ -194,7 +194,7 @@ def test_what_a_moment_of_empty_motion_tells_is_no_measurement(bench):
     assert adapted(bench, np.zeros(9)).returned
     begun = DriftFilter.start(bench.constants)
     assert not begun.returned
-    begun.seen, begun.updates = True, 1
+    begun.informed, begun.updates = True, 1
     begun.pause()
     assert not begun.returned
     known = DriftConstants(bench.constants.model, bench.constants.tares, BetweenStrokes(0.05, 1e4))

@@ -82,7 +82,7 @@ def course(angles):
         frame = Frame(1_000_000 + 10_000 * k, PDO.can_id, encode(PDO, {"stick_angle": angle}))
         inputs.receive([frame])
         reasons.append(Reason(int(inputs.channels[AT].reason)))
-    return reasons, inputs.leapt
+    return reasons, inputs.stepped
 
 
 @pytest.mark.parametrize("leap", [0.05, -0.05])
@@ -91,13 +91,13 @@ def test_an_angle_that_leapt_is_off_although_the_joint_passes_where_it_was(leap,
     """Within the second in which it is not believed the joint moves by a tenth, past the angle before the leap."""
     moving = [radians(-90.0) + speed * 0.01 * k for k in range(300)]
     off = [angle + leap * (k >= 50) for k, angle in enumerate(moving)]
-    reasons, leapt = course(off)
+    reasons, stepped = course(off)
     assert reasons[50:150] == [Reason.IMPLAUSIBLE_JUMP] * 100
     assert reasons[-1] is Reason.NONE
-    assert leapt == (AT,)
+    assert stepped == (AT,)
     back = [angle + leap * (50 <= k < 120) for k, angle in enumerate(moving)]
-    reasons, leapt = course(back)
-    assert (reasons[119], reasons[-1], leapt) == (Reason.IMPLAUSIBLE_JUMP, Reason.NONE, ())
+    reasons, stepped = course(back)
+    assert (reasons[119], reasons[-1], stepped) == (Reason.IMPLAUSIBLE_JUMP, Reason.NONE, ())
     twice = [angle + leap * (50 <= k < 200) for k, angle in enumerate([*moving, *moving[-1:] * 100])]
     assert course(twice)[1] == ()
 

@@ -24,7 +24,7 @@ from cylforce.programs.identify import How, run_identify, show
 from cylforce.programs.live.books import changed
 from cylforce.programs.sim import START_US
 from cylforce.service import commands
-from cylforce.service.booking import Missed, Weighed
+from cylforce.service.booking import Missed, MissedReason, Weighed
 from cylforce.service.commands import Scale
 from cylforce.service.core import Core
 from cylforce.service.loading.truck import Truck
@@ -257,7 +257,7 @@ class TestChoice:
         hung = Weighed(900.0, 4.0, np.zeros(2), np.zeros(1), 300)
         for kept in (Memory(hanging=hung), Memory(hanging=hung).emptied()):
             state = WeighingService.start(core, kept)
-            assert state.bookings.missed == Missed(1, 900.0, True)
+            assert state.bookings.missed == Missed(1, 900.0, MissedReason.INTERRUPTED)
             assert state.memory == Memory()
             assert changed(kept, state.memory)
 
@@ -270,7 +270,7 @@ def weights(*given, limit=75.0):
     check, found = ToolCheck(), []
     for mass in given:
         check.take(mass, limit, empty=abs(mass) <= limit, impossible=mass < -limit)
-        found.append(check.off)
+        found.append(check.empty_weight)
     return found
 
 
@@ -310,9 +310,9 @@ class TestOtherTool:
         state = WeighingService.start(core)
         for event in events:
             fed(state, event)
-            if state.tool_check.off is not None:
+            if state.tool_check.empty_weight is not None:
                 break
-        assert state.tool_check.off == pytest.approx((factor - 1.0) * bucket.mass, rel=0.3)
+        assert state.tool_check.empty_weight == pytest.approx((factor - 1.0) * bucket.mass, rel=0.3)
         assert state.estimate.gross.reason is Reason.OTHER_TOOL
         assert state.estimate.gross.status is not Status.OK
         assert state.estimate.booking is None

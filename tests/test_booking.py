@@ -11,8 +11,8 @@ from bookkeeping import RATED, bookings, changed, constants
 from cylforce.estimation.model import Tares
 from cylforce.estimation.recursive import known, solution, update
 from cylforce.estimation.residual import GOOD_ENOUGH
-from cylforce.service.booking import Bookings, Weighed, difference
-from cylforce.service.loading.lift import Lift, Look
+from cylforce.service.booking import Bookings, MissedReason, Weighed, difference
+from cylforce.service.loading.lift import Lift, SpillCheck
 from cylforce.service.spill import change, changed_at, information
 from weighing.score import class_y_b, inside
 
@@ -32,7 +32,7 @@ def spilled(books):
 
 
 def unseen(books):
-    return changed(books, Bookings.lose_sight)
+    return changed(books, Bookings.discard_candidate)
 
 
 def error(weight, given, drift):
@@ -170,6 +170,7 @@ def test_a_smaller_load_after_a_dump_that_was_not_seen_is_the_next_one_and_the_o
     books = after(parted(books), *[weight(1618.0, tilt=-1.9, hung=-1.8)] * 2)
     books = after(books, *[weight(1618.0, tilt=-2.6, hung=-1.8)] * 2)
     assert (books.booking, books.missed.number, books.missed.mass) == (None, 1, 1712.0)
+    assert books.missed.reason is MissedReason.DUMP_NOT_WEIGHED
     books = after(parted(books), *[weight(10.0, tilt=-0.5)] * 2)
     assert (books.booking.number, books.booking.mass, books.missed.number) == (1, 1618.0, 1)
 
@@ -205,7 +206,7 @@ def test_an_error_that_the_full_and_the_empty_bucket_share_does_not_hinder_the_b
 def test_after_an_outage_the_load_before_it_is_told_and_not_booked():
     """It is not known whether it was dumped, or what hangs now is still the same."""
     books = unseen(after(bookings(tares()), weight(900.0), weight(900.0)))
-    assert (books.missed.number, books.missed.mass, books.missed.interrupted) == (1, 900.0, True)
+    assert (books.missed.number, books.missed.mass, books.missed.reason) == (1, 900.0, MissedReason.INTERRUPTED)
     assert after(books, weight(10.0), weight(10.0)).booking is None
     books = after(parted(after(books, weight(600.0), weight(600.0))), weight(10.0), weight(10.0))
     assert (books.booking.number, books.booking.mass, books.missed.number) == (1, 600.0, 1)
@@ -233,7 +234,7 @@ def test_a_load_that_leaves_after_a_restart_is_booked():
 
 def test_another_load_after_a_restart_is_booked_and_the_one_before_is_told():
     books = after(remembered(), weight(1200.0), weight(1200.0))
-    assert (books.missed.number, books.missed.mass, books.missed.interrupted) == (1, 900.0, True)
+    assert (books.missed.number, books.missed.mass, books.missed.reason) == (1, 900.0, MissedReason.INTERRUPTED)
     books = after(parted(books), weight(10.0), weight(10.0))
     assert (books.booking.number, books.booking.mass, books.missed.number) == (1, 1200.0, 1)
 
@@ -247,7 +248,7 @@ def test_a_load_that_follows_an_unclear_return_replaces_the_one_before_and_this_
     for _ in range(2):
         books = noted(books, drifted, 2, shaky)
     books = after(parted(books), weight(600.0), weight(600.0))
-    assert (books.missed.number, books.missed.mass, books.missed.interrupted) == (1, 900.0, False)
+    assert (books.missed.number, books.missed.mass, books.missed.reason) == (1, 900.0, MissedReason.EMPTY_INACCURATE)
     assert books.candidate.mass == 600.0
 
 
@@ -294,9 +295,9 @@ def test_the_moment_from_which_on_another_load_hangs_is_found():
 def test_a_lift_from_a_mark_on_knows_what_came_since_and_nothing_else():
     """Estimate, sensitivity and counts are those of a lift that began there."""
     marks, parts = hung([1000.0] * 4 + [900.0] * 4)
-    looks = tuple(Look(moving, -3.0 + moving / 200.0) for moving in (0, 20, 40, 60, 80, 110, 140, 170))
+    looks = tuple(SpillCheck(moving, -3.0 + moving / 200.0) for moving in (0, 20, 40, 60, 80, 110, 140, 170))
     whole = Lift(array("d"), 240, 0, 200, array("d"), marks[:-1], looks, mixed=False)
-    found = whole.since(4, marks[-1], Look(200, -2.0), 30, marks[0])
+    found = whole.since(4, marks[-1], SpillCheck(200, -2.0), 30, marks[0])
     root, gram = known(np.zeros(4), np.full(4, 3e3)), np.zeros((4, 1))
     for columns, torque, other in parts[4:]:
         root, gram = update(root, columns, torque, np.full(40, 100.0)), gram + 0.01 * columns.T @ other
@@ -306,7 +307,7 @@ def test_a_lift_from_a_mark_on_knows_what_came_since_and_nothing_else():
     assert found.gram == pytest.approx(gram)
     assert found.root.factor.T @ found.root.factor == pytest.approx(root.factor.T @ root.factor)
     assert (found.taken, found.moving, found.tilt) == (120, 120, -2.6)
-    assert [look.moving for look in found.looks] == [0, 30, 60, 90, 120]
+    assert [look.moving for look in found.checks] == [0, 30, 60, 90, 120]
     assert found.marks[0] == pytest.approx(marks[0])
 
 

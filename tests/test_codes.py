@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 from cylforce.estimation.kernel import inputs
-from cylforce.programs.live.doubts import CODES, WHY
-from cylforce.service.plausibility.suspicion import LATCHED, LATCHED_IF_CONFIRMED, Level, SensorDoubt, SensorFault
+from cylforce.programs.live.sensor_messages import CODES, LEVELS, WHY
+from cylforce.programs.run import WHY_MISSED
+from cylforce.service.booking import MissedReason
+from cylforce.service.plausibility.suspicion import LATCHED, LATCHED_IF_CONFIRMED, Level, SensorFault, SensorSuspicion
 from cylforce.signals.estimate import Reason, Status
 
 REASONS = (
@@ -16,18 +18,18 @@ REASONS = (
 )
 FAULTS = (
     "NONE",
-    "STUCK",
+    "FROZEN",
     "BURST",
     "OFFSET",
     "SLIPPED",
-    "EXCHANGED",
-    "LEAPT",
-    "IMPOSSIBLE",
-    "LIGHT",
+    "CONTRADICTS_MOTION",
+    "ANGLE_STEPPED",
+    "BELOW_VACUUM",
+    "NEGATIVE_WEIGHT",
     "STEPPED",
     "SWAPPED",
-    "STRAYED",
-    "MISPLACED",
+    "BACK_IN_RANGE",
+    "IMPOSSIBLE_MOMENTS",
 )
 
 
@@ -36,6 +38,15 @@ def test_every_sensor_fault_has_a_code_and_a_sentence():
     faults = set(SensorFault) - {SensorFault.NONE}
     assert set(CODES) == set(WHY) == faults
     assert all(0xFF10 <= code <= 0xFFFF for code in CODES.values())
+
+
+def test_the_words_of_the_journal_for_levels_never_change():
+    assert {level.name: word for level, word in LEVELS.items()} == {"SUSPECTED": "doubted", "REJECTED": "rejected"}
+
+
+def test_every_reason_of_a_missed_load_has_a_sentence():
+    assert set(WHY_MISSED) == set(MissedReason)
+    assert len(set(WHY_MISSED.values())) == len(MissedReason)
 
 
 def test_reasons_and_status_have_the_numbers_of_the_chapter():
@@ -52,23 +63,23 @@ def test_the_kernel_knows_reasons_by_the_same_numbers():
 
 def test_suspicions_are_told_by_their_numbers():
     assert {f.name: f.value for f in SensorFault} == {name: k for k, name in enumerate(FAULTS)}
-    assert {level.name: level.value for level in Level} == {"FINE": 0, "DOUBTED": 1, "REJECTED": 2}
+    assert {level.name: level.value for level in Level} == {"FINE": 0, "SUSPECTED": 1, "REJECTED": 2}
 
 
 def test_what_a_suspicion_means_for_the_work():
     """Bookings wait for what the next motion will say; what is latched stays until the next start, what is concluded
     from many samples only once motion in both directions has confirmed it; an empty bucket below nothing may be a
     drift."""
-    every = [SensorDoubt(level, cause) for level in Level for cause in SensorFault]
-    confirmed = [replace(doubt, confirmed=True) for doubt in every]
+    every = [SensorSuspicion(level, cause) for level in Level for cause in SensorFault]
+    confirmed = [replace(suspicion, confirmed=True) for suspicion in every]
     assert {d.cause for d in confirmed if d.latched} == {*LATCHED, *LATCHED_IF_CONFIRMED}
-    assert {d.cause for d in every if d.stays} == {*LATCHED, SensorFault.EXCHANGED}
-    assert {d.cause.name for d in every if d.waits} == {"STEPPED", "SWAPPED", "STRAYED"}
+    assert {d.cause for d in every if d.stays} == {*LATCHED, SensorFault.CONTRADICTS_MOTION}
+    assert {d.cause.name for d in every if d.waits} == {"STEPPED", "SWAPPED", "BACK_IN_RANGE"}
     assert {d.cause for d in every if d.latched} == set(LATCHED)
     assert {d.level for d in every if d.latched} == {Level.REJECTED}
-    assert {d.cause.name for d in every if d.follows and d.level is not Level.FINE} == {"LIGHT"}
+    assert {d.cause.name for d in every if d.follows and d.level is not Level.FINE} == {"NEGATIVE_WEIGHT"}
 
 
 def test_a_level_begins_above_its_limit():
-    limits = {Level.DOUBTED: 2.0, Level.REJECTED: 4.0}
-    assert [Level.of(x, limits).name for x in (2.0, 2.1, 4.0, 4.1)] == ["FINE", "DOUBTED", "DOUBTED", "REJECTED"]
+    limits = {Level.SUSPECTED: 2.0, Level.REJECTED: 4.0}
+    assert [Level.of(x, limits).name for x in (2.0, 2.1, 4.0, 4.1)] == ["FINE", "SUSPECTED", "SUSPECTED", "REJECTED"]

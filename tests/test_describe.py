@@ -11,6 +11,8 @@ from cylforce.canopen.bus_load import longest_frame, traffic
 from cylforce.mechanics.outline import hull, outline, pin_list
 from cylforce.programs.description.arm import cylinder_numbers, extent, postures, set_ranges
 from cylforce.programs.description.drawing import drawing
+from cylforce.service.publication import FAST
+from cylforce.service.published_values import TABLE
 from cylforce.settings.machine_file import load
 from scenarios import CONFIG, EXCAVATOR
 from test_cli import cylforce_
@@ -119,12 +121,15 @@ def test_no_pattern_needs_more_stuff_bits_than_the_worst(count):
 
 def test_bus_load_is_the_sum_computed_by_hand(capsys):
     """100 SYNC of 55 bits, 100 times 7 PDOs of 4 bytes (95 bits) and one of 2 bytes (75), 9 heartbeats of 1 byte (65)
-    twice a second, of our 8 PDOs of 8 bytes (135) two 50 and six 20 times a second: 5500 + 66500 + 7500 + 1170 +
-    29700 = 110370 bit/s."""
-    assert sum(each.bits_per_second for each in traffic(load(EXCAVATOR).service)) == pytest.approx(110370)
+    twice a second: 5500 + 66500 + 7500 + 1170 bit/s; and our PDOs of 8 bytes (135), those of the forces 50 and the
+    others 20 times a second."""
+    forces, others = len(FAST), len(TABLE) - len(FAST)
+    total = 5500 + 66500 + 7500 + 1170 + 135 * (50 * forces + 20 * others)
+    assert sum(each.bits_per_second for each in traffic(load(EXCAVATOR).service)) == pytest.approx(total)
     out = described(capsys, EXCAVATOR)
-    assert "in all 110370 bit/s with the most stuff bits" in out
-    assert "88 % of 125 kbit/s, 44 % of 250 kbit/s, 22 % of 500 kbit/s, 11 % of 1000 kbit/s" in out
+    assert f"in all {total} bit/s with the most stuff bits" in out
+    shares = [f"{total / (10 * rate):.0f} % of {rate} kbit/s" for rate in (125, 250, 500, 1000)]
+    assert ", ".join(shares) in out
 
 
 def test_nodes_and_pdos_as_the_bus_has_them(capsys):

@@ -4,6 +4,7 @@ import math
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cantools
@@ -82,6 +83,14 @@ def test_every_published_value_is_mapped_and_described(file):
     for pdo in PUBLICATION:
         assert default_mapping(read_back, pdo.number) == tuple((f.index, f.sub, 8 * CODES[f.code]) for f in pdo.fields)
         assert [mapped_code(read_back, f.index, f.sub) for f in pdo.fields] == [f.code for f in pdo.fields]
+
+
+def test_a_published_object_without_a_name_is_refused():
+    """A name of an object is written for its readers: no text is made up where none is given."""
+    *others, last = PUBLICATION
+    nameless = last._replace(fields=(replace(last.fields[0], index=0x2199), *last.fields[1:]))
+    with pytest.raises(ValueError, match=r"object 2199h of the published value event_age has no name: add its index"):
+        own_objects((*others, nameless))
 
 
 def test_units_and_digits_give_back_the_resolution():

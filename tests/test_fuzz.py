@@ -10,7 +10,8 @@ import pytest
 
 from cylforce.service.core import Core
 from cylforce.service.plausibility.suspicion import Level
-from cylforce.service.publication import DIRECTION, FORCE_X, FORCE_Z, GROSS, MAGNITUDE, NET, frames
+from cylforce.service.publication import frames
+from cylforce.service.published_values import DIRECTION, FORCE_X, FORCE_Z, GROSS, MAGNITUDE, NET
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.codec import decode, encode
@@ -71,7 +72,7 @@ class Source:
 
     def stretch(self):
         """Good motion, a share of whose frames is cut, filled, flipped, doubled, dropped or made foreign; the clock
-        goes on, or has leapt."""
+        goes on, or has stepped."""
         share = next(self.shares)
         self.now = max(0, self.now + int(self.rng.choice([10_000, 10_000, HOUR, -HOUR, 777, -50_000_000_000_000])))
         ticks, shift, last = 0, None, self.now

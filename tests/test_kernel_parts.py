@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cylforce.estimation.kernel import choice, making
-from cylforce.estimation.kernel.heard import EACH_WAY, GROUP, GROUPS
 from cylforce.estimation.kernel.making import numbers
+from cylforce.estimation.kernel.pressures import EACH_WAY, GROUP, GROUPS
 from cylforce.estimation.kernel.solving import Limits, room, solver
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.regressor import Rows
@@ -112,7 +112,7 @@ def test_friction_at_rest_is_one_sample_however_noisy_the_speed_is(kernel):
     """One that is read as motion now and then is no new rest; as many steps of motion allow as many at rest."""
     rng, patience = np.random.default_rng(SEED), 50
     model = Model(load(EXCAVATOR).service.machine, load(EXCAVATOR).service.filters, FRICTION)
-    made = solver(model, model.data_sheet, kernel, Limits(patience=float(patience)))
+    made = solver(model, model.data_sheet, kernel, Limits(longest_rest=float(patience)))
     size, drifts = len(model.parameters), len(model.changing)
     rows, lift = np.ones((3, len(model.filtered.regressor.names) + 1)), np.zeros(40 + 4 * (size + drifts))
     known, unsure = np.zeros(drifts), np.zeros((drifts, drifts))
@@ -205,10 +205,10 @@ def test_a_block_believes_friction_and_takes_it_as_sure_as_it_is(kernel):
     rng = np.random.default_rng(SEED)
     _, tares, _, made, rows, drift, known = identified_kernel(kernel, rng)
     before, frictions, unknown, errors = rng.uniform(0.5, 1.5, len(drift)), len(drift) - 3, 4.0, rng.normal(size=(3, 2))
-    believed = np.where(np.arange(len(drift)) < frictions, drift, 0.0)
-    change = before * (1.0 + 4.0 * np.sqrt(np.minimum(np.diag(known) / before**2, 1.0)) * (believed != 0.0))
+    expected = np.where(np.arange(len(drift)) < frictions, drift, 0.0)
+    change = before * (1.0 + 4.0 * np.sqrt(np.minimum(np.diag(known) / before**2, 1.0)) * (expected != 0.0))
     left, gram, size = room(3 * (3 + len(drift))), room((7 + len(drift)) ** 2), 7 + len(drift)
-    kernel.explain(made, rows, believed, left)
+    kernel.explain(made, rows, expected, left)
     told = kernel.gather(made, rows, left, numbers([1, 1, 0]), change, errors, 2, 2.0, gram)
     work, found = (room(len(left)), room(len(drift)), room(len(drift))), room(size**2)
     seen = (rows, numbers([1, 1, 0]), drift, known, before, frictions, unknown)
@@ -228,7 +228,7 @@ def test_what_errors_of_signals_do_to_the_torques(kernel):
     kernel.slips(plan, channels, values, turned, 2, 1e-3, angles)
     columns = rows[: 3 * len(model.filtered.regressor.names)].reshape(3, -1)
     told = (making.counts(own), 2, per_bar, turned, 2, 1e-3, room(len(values)), work, found)
-    kernel.mislead(plan, made, rows, channels, load_in, *told)
+    kernel.error_torques(plan, made, rows, channels, load_in, *told)
     wanted = 1.1 * np.concatenate([columns[:, own] * per_bar, np.reshape(angles, (3, 2))], axis=1)
     np.testing.assert_allclose(np.reshape(found, (3, 4)), wanted, rtol=1e-9, atol=1e-9)
 

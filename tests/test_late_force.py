@@ -108,10 +108,10 @@ def test_a_force_that_still_changes_quickly_is_less_clear():
 
 def test_a_force_that_still_changes_quickly_is_no_contact_yet():
     seen = SolvedForce(6e3, -2e3, 0.5e3**2, 0.0, 0.5e3**2, 2e3, 144.0, array("d"))
-    for late, touching in (((0.0, 0.0), True), ((1e3, 0.0), False)):
+    for late, in_contact in (((0.0, 0.0), True), ((1e3, 0.0), False)):
         contact = ContactDetector.start(ContactConstants(100e3, STEP))
         contact.update(0, seen, late, 0j, 0j)
-        assert contact.touching is touching
+        assert contact.in_contact is in_contact
 
 
 def test_before_the_first_force_none_is_late():

@@ -7,23 +7,23 @@ import pytest
 from scipy.stats import chi2
 
 from cylforce.estimation.kernel import choice
-from cylforce.estimation.kernel.heard import CODES
 from cylforce.estimation.kernel.making import numbers
+from cylforce.estimation.kernel.pressures import CODES
 from cylforce.estimation.model import Model
 from cylforce.service.core import Core
 from cylforce.service.plausibility.detector import Interruption, MonitoredMachine
-from cylforce.service.plausibility.pressure_groups import GROUP, GROUPS, QUIET, TENTH, GroupConstants, GroupStatistics
-from cylforce.service.plausibility.pressure_leap import (
+from cylforce.service.plausibility.detectors.pressure_step import (
     AFTER,
     BEFORE,
     DEGREE,
     FREE,
     KNOWN,
     LONGEST,
-    LeapTest,
-    PressureLeap,
+    PressureStep,
+    StepTest,
 )
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.pressure_groups import GROUP, GROUPS, QUIET, TENTH, GroupConstants, GroupStatistics
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Reason, Status
 from faulting.edits import BAR
@@ -39,7 +39,7 @@ T = np.arange(SIZE) - (SIZE - 1) / 2.0
 @pytest.fixture(scope="module")
 def leaping():
     """The excavator's pressures: head and rod side of boom, stick and bucket."""
-    return LeapTest(load(EXCAVATOR).service.machine, 100.0)
+    return StepTest(load(EXCAVATOR).service.machine, 100.0)
 
 
 def smooth(rng):
@@ -57,7 +57,7 @@ def exchanged(window, *pairs):
 
 def test_motion_does_not_leap(leaping):
     rng = np.random.default_rng(1)
-    assert all(leaping.leap(smooth(rng)) == NOTHING_SUSPECTED for _ in range(2000))
+    assert all(leaping.suspicion(smooth(rng)) == NOTHING_SUSPECTED for _ in range(2000))
 
 
 def test_pressures_that_cross_are_not_exchanged(leaping):
@@ -67,28 +67,30 @@ def test_pressures_that_cross_are_not_exchanged(leaping):
         window = smooth(rng)
         window[:, 0] = 50.0 * BAR + slope * BAR * T + rng.normal(0.0, NOISE, SIZE)
         window[:, 1] = 50.0 * BAR - slope * BAR * T + rng.normal(0.0, NOISE, SIZE)
-        assert leaping.leap(window) == NOTHING_SUSPECTED
+        assert leaping.suspicion(window) == NOTHING_SUSPECTED
 
 
 def test_exchanged_sides_are_found(leaping):
     rng = np.random.default_rng(3)
     for cylinder in range(3):
         head, rod = 2 * cylinder, 2 * cylinder + 1
-        doubt = leaping.leap(exchanged(smooth(rng), (head, rod)))
-        assert doubt == SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, (leaping.signals[head], leaping.signals[rod]))
+        suspicion = leaping.suspicion(exchanged(smooth(rng), (head, rod)))
+        assert suspicion == SensorSuspicion(
+            Level.SUSPECTED, SensorFault.SWAPPED, (leaping.signals[head], leaping.signals[rod])
+        )
 
 
 def test_exchanged_nodes_are_found(leaping):
     rng = np.random.default_rng(4)
-    doubt = leaping.leap(exchanged(smooth(rng), (0, 2), (1, 3)))
-    assert doubt == SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, tuple(leaping.signals[:4]))
+    suspicion = leaping.suspicion(exchanged(smooth(rng), (0, 2), (1, 3)))
+    assert suspicion == SensorSuspicion(Level.SUSPECTED, SensorFault.SWAPPED, tuple(leaping.signals[:4]))
 
 
 def test_signals_that_read_the_same_are_not_exchanged(leaping):
     rng = np.random.default_rng(5)
     window = smooth(rng)
     window[:, 1] = window[:, 0] + rng.normal(0.0, NOISE, SIZE)
-    assert leaping.leap(exchanged(window, (0, 1))) == NOTHING_SUSPECTED
+    assert leaping.suspicion(exchanged(window, (0, 1))) == NOTHING_SUSPECTED
 
 
 def test_a_pressure_that_steps_is_found_with_its_size(leaping):
@@ -96,9 +98,11 @@ def test_a_pressure_that_steps_is_found_with_its_size(leaping):
     for pressure, bar in ((0, 8.0), (3, -5.0), (5, 20.0)):
         window = smooth(rng)
         window[BEFORE:, pressure] += bar * BAR
-        doubt = leaping.leap(window)
-        assert replace(doubt, size=0.0) == SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (leaping.signals[pressure],))
-        assert doubt.size == pytest.approx(bar * BAR, abs=BAR)
+        suspicion = leaping.suspicion(window)
+        assert replace(suspicion, size=0.0) == SensorSuspicion(
+            Level.SUSPECTED, SensorFault.STEPPED, (leaping.signals[pressure],)
+        )
+        assert suspicion.size == pytest.approx(bar * BAR, abs=BAR)
 
 
 def test_the_noise_before_tells_smaller_steps_from_noise(leaping):
@@ -111,7 +115,9 @@ def test_the_noise_before_tells_smaller_steps_from_noise(leaping):
             windows = np.stack([smooth(rng) for _ in earlier])
             windows[:, BEFORE:, 2] += bar * BAR
             long = np.concatenate([earlier, windows], axis=1)
-            found.append([np.mean([leaping.leap(w).cause is SensorFault.STEPPED for w in x]) for x in (windows, long)])
+            found.append(
+                [np.mean([leaping.suspicion(w).cause is SensorFault.STEPPED for w in x]) for x in (windows, long)]
+            )
     assert np.round(found, 1).tolist() == [[0.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
 
 
@@ -142,7 +148,7 @@ def misfit(readings, noise, step=False):
     return 0.5 * FREE * np.log(max(left / FREE, 1.0)), 0.5 * (FREE + KNOWN) * np.log(max(share, 1.0))
 
 
-def ratios(window, noise, exchanges):
+def ratios(window, noise, swaps):
     """Log likelihood ratios of a step of each pressure, of each exchange; the misfits without and with a step."""
     plain, stepped = ([misfit(x, noise, step) for x in window.T] for step in (False, True))
     steps = [max(a - b for a, b in zip(*both, strict=True)) for both in zip(plain, stepped, strict=True)]
@@ -150,7 +156,7 @@ def ratios(window, noise, exchanges):
     def better(a, b):
         return plain[a][0] - misfit(np.concatenate([window[:BEFORE, a], window[BEFORE:, b]]), noise)[0]
 
-    swaps = [sum(2.0 * min(better(a, b), better(b, a)) for a, b in pairs) for pairs in exchanges]
+    swaps = [sum(2.0 * min(better(a, b), better(b, a)) for a, b in pairs) for pairs in swaps]
     return steps, swaps, [x[0] for x in plain + stepped]
 
 
@@ -168,8 +174,8 @@ def test_arrays_are_asked_only_of_what_can_be_sure(leaping, form):
         window[BEFORE:, 2] += rng.uniform(0.0, 60.0) * noise * (k % 3 == 0)
         window = exchanged(window, (0, 1)) if k % 2 == 0 else window
         room, found = numbers(np.zeros(12 * (DEGREE + 3))), numbers(np.zeros(12))
-        sure = form.sure_leaps(6, window, SIZE, BEFORE, *told, len(leaping.exchanges), most, room, found)
-        steps, swaps, misfits = ratios(window, noise, leaping.exchanges)
+        sure = form.certain_steps(6, window, SIZE, BEFORE, *told, len(leaping.swaps), most, room, found)
+        steps, swaps, misfits = ratios(window, noise, leaping.swaps)
         assert sure == (max(steps) > leaping.least) + 2 * (max(swaps) > leaping.least)
         np.testing.assert_allclose(found, misfits, atol=1e-5)
         seen.add(sure)
@@ -181,16 +187,16 @@ def test_when_all_of_them_are_hit_none_stepped(leaping):
     window = smooth(np.random.default_rng(7))
     window[BEFORE - 1 :, 0] -= 70.0 * BAR * np.clip(np.arange(AFTER + 1) / 3.0, 0.0, 1.0)
     window[BEFORE:, 1] += 10.0 * BAR
-    assert leaping.leap(window) == NOTHING_SUSPECTED
+    assert leaping.suspicion(window) == NOTHING_SUSPECTED
     window[:, 0] = LEVELS[0]
-    assert leaping.leap(window).cause is SensorFault.STEPPED
+    assert leaping.suspicion(window).cause is SensorFault.STEPPED
 
 
 def detector(machine=None):
     """A detector of leaps before any reading."""
     service = load(EXCAVATOR).service
     model = Model(machine or service.machine, service.filters, ())
-    return PressureLeap.start(MonitoredMachine(model, model.data_sheet, 300e3))
+    return PressureStep.start(MonitoredMachine(model, model.data_sheet, 300e3))
 
 
 def course(readings, steps=None, machine=None):
@@ -206,18 +212,18 @@ def test_a_leap_is_looked_for_as_readings_come():
     window = smooth(rng)
     long = np.concatenate([window[:1] + rng.normal(0.0, NOISE, (30, 6)), window])
     long[-AFTER:, 2] += 5.0 * BAR
-    assert course(long[:-1]).doubt == NOTHING_SUSPECTED
+    assert course(long[:-1]).report == NOTHING_SUSPECTED
     state = course(long)
-    assert (state.doubt.cause, state.since) == (SensorFault.STEPPED, len(long))
+    assert (state.report.cause, state.since) == (SensorFault.STEPPED, len(long))
 
 
 def test_nothing_is_said_across_a_pause():
     window = smooth(np.random.default_rng(9))
     window[BEFORE:, 2] += 50.0 * BAR
     steps = [*range(1, BEFORE + 1), *range(BEFORE + AFTER + 2, BEFORE + 2 * AFTER + 2)]
-    assert course(window, steps).doubt == NOTHING_SUSPECTED
+    assert course(window, steps).report == NOTHING_SUSPECTED
     leap = course(window[:BEFORE])
-    leap.interrupt(Interruption(frozen=False, strayed=()))
+    leap.interrupt(Interruption(frozen=False, out_of_range=()))
     assert not leap.readings
 
 
@@ -227,7 +233,7 @@ def test_a_reading_that_is_missing_does_not_matter():
     for lost in (3, BEFORE + 2, SIZE - 2):
         steps = [k for k in range(1, SIZE + 1) if k != lost]
         state = course(np.delete(window, lost - 1, axis=0), steps)
-        assert state.doubt.cause is SensorFault.STEPPED
+        assert state.report.cause is SensorFault.STEPPED
 
 
 def test_a_node_whose_frames_waited_has_not_leapt():
@@ -238,7 +244,7 @@ def test_a_node_whose_frames_waited_has_not_leapt():
     readings = rising + rng.normal(0.0, NOISE, rising.shape)
     readings[gone.stop, 0] = readings[gone.start, 0]
     steps = [k for k in range(size) if k not in gone]
-    assert course(readings[steps], steps).doubt == NOTHING_SUSPECTED
+    assert course(readings[steps], steps).report == NOTHING_SUSPECTED
 
 
 @pytest.mark.parametrize("late", [True, False])
@@ -249,7 +255,7 @@ def test_no_leap_is_concluded_beside_a_reading_that_is_late(late):
     for k, row in enumerate(window.tolist(), 1):
         seen = k - 1 if late and k == BEFORE else k
         leap.take(numbers(row), k, numbers([1e4 * seen] * len(row)))
-    assert (leap.doubt == NOTHING_SUSPECTED) is late
+    assert (leap.report == NOTHING_SUSPECTED) is late
 
 
 def test_pressures_that_are_sent_every_other_step_are_read_so():
@@ -264,7 +270,7 @@ def test_a_machine_without_pressures_has_no_leaps():
     leap = detector(replace(rig(), signals=()))
     for k in range(1, 40):
         leap.take(numbers(()), k, numbers(()))
-    assert leap.doubt == NOTHING_SUSPECTED
+    assert leap.report == NOTHING_SUSPECTED
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ STROKES = [(0, 1.5, 4.5, 0.4), (1, 1.5, 4.5, -0.4)]
 def off(service):
     """A copy of a service that has seen the empty tool off zero."""
     other = service.copied()
-    other.tool_check.off = OFF_KG
+    other.tool_check.empty_weight = OFF_KG
     return other
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from cylforce.service.booking import MissedReason
 from cylforce.service.core import Core
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
@@ -41,7 +42,7 @@ def test_no_load_is_booked_in_place_of_another(work, before_first, before_second
         if (booking := state.bookings.booking) and booking.number > len(bookings):
             bookings.append(booking)
     assert all(abs(b.mass - masses[1]) < 4.0 * b.standard_error for b in bookings)
-    assert state.bookings.missed.interrupted
+    assert state.bookings.missed.reason is MissedReason.INTERRUPTED
     assert state.bookings.missed.mass == pytest.approx(masses[0], rel=0.02)
 
 

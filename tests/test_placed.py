@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cylforce.service.plausibility.empty_bucket import distance
+from cylforce.service.plausibility.detectors.empty_bucket import distance
 
 REACH = 2.0
 

@@ -12,7 +12,7 @@ from cylforce.service.adaptation import DriftFilter
 from cylforce.service.core import Core
 from cylforce.service.loading.lift import lift_numbers
 from cylforce.service.plausibility.blocks import Block, cost, no_blocks
-from cylforce.service.plausibility.constant_error import (
+from cylforce.service.plausibility.detectors.constant_error import (
     KEPT,
     UNSURE,
     VOTES,
@@ -20,14 +20,14 @@ from cylforce.service.plausibility.constant_error import (
     ConstantOffset,
     VoteConstants,
 )
-from cylforce.service.plausibility.driven_tool import LEAST, DrivenTool
-from cylforce.service.plausibility.empty_bucket import EmptyBucket
-from cylforce.service.plausibility.fallen import BelowVacuum, BurstHose
+from cylforce.service.plausibility.detectors.driven_tool import LEAST, DrivenTool
+from cylforce.service.plausibility.detectors.empty_bucket import EmptyBucket
+from cylforce.service.plausibility.detectors.fallen import BelowVacuum, BurstHose
+from cylforce.service.plausibility.detectors.frozen_pressure import CONSTANT, FrozenPressure
+from cylforce.service.plausibility.detectors.swept_tool import SweptTool
 from cylforce.service.plausibility.monitor import Monitor
 from cylforce.service.plausibility.pressure_groups import CHANGES, COLOURED, GROUP, GROUPS, PressureGroups
-from cylforce.service.plausibility.stuck import CONSTANT, StuckPressure
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
-from cylforce.service.plausibility.swept_tool import SweptTool
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Force, Quantity, Reason, Status, invalid
@@ -45,7 +45,7 @@ def pressure(course, ways=(1.0, -1.0)):
     """What is seen of a rig's head pressure along `course` (T,) [Pa] while the cylinder goes first one way, then the
     other."""
     machine = monitored(rig())
-    stuck, burst, groups = StuckPressure.start(machine), BurstHose.start(machine), PressureGroups.start(machine.groups)
+    stuck, burst, groups = FrozenPressure.start(machine), BurstHose.start(machine), PressureGroups.start(machine.groups)
     values = readings(len(course), head=course, rod=1e6)
     speed = np.repeat(ways, len(course) // len(ways)) * 0.1
     for row, v in zip(values, speed, strict=True):
@@ -268,14 +268,14 @@ def test_several_seconds_must_agree_on_the_error_of_a_signal(machine):
 def test_seconds_that_contradict_each_other_reject_nothing(machine):
     core, *_ = machine
     offset, _ = evidence(core, [block(core, 0.0, 1, size) for size in (4.0, -4.0, 8.0, -8.0, 12.0, 16.0)])
-    assert offset.evidence < VoteConstants(core.monitor).limits[Level.DOUBTED]
+    assert offset.evidence < VoteConstants(core.monitor).limits[Level.SUSPECTED]
 
 
 def test_torques_that_scatter_more_than_at_commissioning_say_less(machine):
     """Of two blocks the one whose best error leaves four times its variance has a quarter of the votes."""
     core, *_ = machine
     calm = block(core, 0.0, 1, 1.0, information=6.0)
-    rough = replace(calm, left=calm.left + 4.0 * calm.weight)
+    rough = replace(calm, residual=calm.residual + 4.0 * calm.weight)
     (one, _), (other, _) = evidence(core, [calm]), evidence(core, [rough])
     assert one.evidence == pytest.approx(4.0 * other.evidence)
     assert one.evidence > 0.0
@@ -295,10 +295,10 @@ def second(core, way, friction, error):
     own = rows - np.outer(rows[0], rows[0]) / (rows[0, 0] + 1.0)  # with a friction of the block's own
     linear, square = own[frictions:-1, -1], np.maximum(np.diagonal(own)[frictions:-1], 1e-9)
     numbers = (np.array([x]) for x in (own[-1, -1], 100.0, 5.0, 15.0))
-    masses, belief = np.zeros(len(rows)), np.stack([np.zeros(frictions), np.ones(frictions)])
+    masses, friction_prior = np.zeros(len(rows)), np.stack([np.zeros(frictions), np.ones(frictions)])
     masses[-1] = 100.0
     ways = np.full(len(core.service.machine.cylinders), 0.1 * way)
-    return Block(*numbers, linear, square, np.full(many, 30.0), rows, masses, belief, ways)
+    return Block(*numbers, linear, square, np.full(many, 30.0), rows, masses, friction_prior, ways)
 
 
 @pytest.mark.parametrize(
@@ -315,7 +315,7 @@ def test_cold_oil_is_one_friction_for_all_seconds(machine, ways, friction, error
     blocks = [second(core, ways[k % len(ways)], friction, error) for k in range(SECONDS)]
     offset, limit = evidence(core, blocks)
     assert (offset.evidence > limit, offset.confirmed) == (rejected, rejected)
-    anew = [replace(each, rows=NONE, masses=NONE, belief=NONE) for each in blocks]
+    anew = [replace(each, rows=NONE, masses=NONE, friction_prior=NONE) for each in blocks]
     assert (evidence(core, anew)[0].evidence > limit) is (len(ways) == 1 or rejected)
 
 
@@ -391,14 +391,14 @@ def test_the_signals_that_may_be_off_are_named(machine, number):
     part = ("boom", "stick", "bucket")[number % 3]
     whose = [f"{part}_head_pressure", f"{part}_rod_pressure"] if number < 3 else [f"{part}_angle"]
     for level, evidence in (
-        (Level.DOUBTED, limits[Level.DOUBTED] + 0.1),
+        (Level.SUSPECTED, limits[Level.SUSPECTED] + 0.1),
         (Level.REJECTED, limits[Level.REJECTED] + 0.1),
     ):
-        doubt = votes.doubt(ConstantOffset(number, 0.5, evidence))
-        assert doubt.level is level
-        assert [names[k] for k in doubt.signals] == whose
-        assert doubt.size == (0.5 * BAR if number < 3 else 0.5)
-    assert votes.doubt(ConstantOffset(number, 0.5, limits[Level.DOUBTED])) == NOTHING_SUSPECTED
+        suspicion = votes.suspicion(ConstantOffset(number, 0.5, evidence))
+        assert suspicion.level is level
+        assert [names[k] for k in suspicion.signals] == whose
+        assert suspicion.size == (0.5 * BAR if number < 3 else 0.5)
+    assert votes.suspicion(ConstantOffset(number, 0.5, limits[Level.SUSPECTED])) == NOTHING_SUSPECTED
 
 
 def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_doubted(machine):
@@ -407,11 +407,11 @@ def test_evidence_of_a_time_with_a_frozen_signal_is_dropped_unless_a_signal_is_d
     for frozen, level, kept in (
         (False, Level.FINE, True),
         (True, Level.FINE, False),
-        (True, Level.DOUBTED, True),
+        (True, Level.SUSPECTED, True),
     ):
         monitor = Monitor.start(core.monitor)
         monitor.detector(ConstantError).offset = some
-        monitor.suspicion = SensorDoubt(level)
+        monitor.suspicion = SensorSuspicion(level)
         monitor.interrupt(frozen=frozen)
         assert (monitor.detector(ConstantError).offset == some) is kept
         assert monitor.unsure is kept
@@ -444,9 +444,9 @@ def test_a_bucket_that_weighs_less_than_nothing_is_doubted_until_it_is_seen_othe
     assert not seen(first, -31.0, taken=20).fault
     light = seen(first, -31.0, taken=240)
     for after in (light, seen(light, 500.0), seen(light, 0.0, Status.DEGRADED)):
-        assert (after.doubt.level, after.doubt.cause) == (Level.DOUBTED, SensorFault.LIGHT)
-        assert after.doubt.follows
-    assert seen(light, -29.0).doubt == NOTHING_SUSPECTED
+        assert (after.report.level, after.report.cause) == (Level.SUSPECTED, SensorFault.NEGATIVE_WEIGHT)
+        assert after.report.follows
+    assert seen(light, -29.0).report == NOTHING_SUSPECTED
 
 
 def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machine):
@@ -469,7 +469,7 @@ def test_until_a_return_told_of_the_drift_cold_oil_may_make_a_bucket_light(machi
 @pytest.mark.parametrize(
     ("moments", "error", "returned", "cause"),
     [
-        ((0.0, 0.0, 60.0), 4.0, True, SensorFault.MISPLACED),
+        ((0.0, 0.0, 60.0), 4.0, True, SensorFault.IMPOSSIBLE_MOMENTS),
         ((0.0, 0.0, 10.0), 1.0, True, SensorFault.NONE),  # harmless: 1 % of the rated payload where a load lies is more
         ((45.0, 0.0, 60.0), 4.0, True, SensorFault.NONE),  # mud in the corner of the bucket
         ((0.0, 0.0, 60.0), 40.0, True, SensorFault.NONE),  # not known
@@ -489,26 +489,26 @@ def test_an_empty_bucket_has_no_moments_without_a_mass(machine, moments, error, 
     gross, bucket = Quantity(moments[0], 5.0, Status.OK, Reason.NONE), EmptyBucket.start(core.monitor)
     for lift.taken in (200, 240):
         bucket.on_sample(SimpleNamespace(now=SimpleNamespace(gross=gross, lift=lift, drift=drift)))
-        assert bucket.unsure is (cause is SensorFault.MISPLACED)
-    assert bucket.fault is bucket.doubt.cause is cause
-    assert not bucket.doubt.follows or cause is SensorFault.NONE
+        assert bucket.unsure is (cause is SensorFault.IMPOSSIBLE_MOMENTS)
+    assert bucket.fault is bucket.report.cause is cause
+    assert not bucket.report.follows or cause is SensorFault.NONE
 
 
 @pytest.mark.parametrize(
     ("cause", "confirmed", "stays"),
     [
         (SensorFault.BURST, False, True),
-        (SensorFault.EXCHANGED, True, True),
-        (SensorFault.EXCHANGED, False, False),
+        (SensorFault.CONTRADICTS_MOTION, True, True),
+        (SensorFault.CONTRADICTS_MOTION, False, False),
         (SensorFault.SLIPPED, True, True),
         (SensorFault.SLIPPED, False, False),
         (SensorFault.OFFSET, True, False),
     ],
 )
 def test_nothing_statistical_is_latched_that_is_not_confirmed_in_both_directions_of_motion(cause, confirmed, stays):
-    rejected = SensorDoubt(Level.REJECTED, cause, confirmed=confirmed)
+    rejected = SensorSuspicion(Level.REJECTED, cause, confirmed=confirmed)
     assert rejected.latched is stays
-    assert not replace(rejected, level=Level.DOUBTED).latched
+    assert not replace(rejected, level=Level.SUSPECTED).latched
 
 
 def test_the_tool_must_be_driven_in_both_directions_to_be_confirmed():
@@ -529,7 +529,7 @@ def test_exchanged_pressures_are_believed_again_when_seconds_in_the_air_are_expl
     """They push the tool in one direction of motion only: that nothing pushes in the other refutes nothing."""
     core, *_ = machine
     monitor = Monitor.start(core.monitor)
-    pushed = SensorDoubt(Level.REJECTED, SensorFault.EXCHANGED, (0, 1))
+    pushed = SensorSuspicion(Level.REJECTED, SensorFault.CONTRADICTS_MOTION, (0, 1))
     monitor.suspicion = monitor.combined((pushed,))
     assert monitor.suspicion == pushed
     for monitor.in_air, level in ((0, Level.REJECTED), (VOTES - 1, Level.REJECTED), (VOTES, Level.FINE)):

@@ -29,7 +29,7 @@ from cylforce.records.schema import open_reading
 from cylforce.service.booking import Weighed
 from cylforce.service.commands import Scale
 from cylforce.service.memory import NOTHING_KEPT
-from cylforce.service.plausibility.suspicion import Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import Level, SensorFault, SensorSuspicion
 from cylforce.service.service import WeighingService
 from cylforce.settings.identified import identified_seal, write_identified
 from cylforce.settings.machine_file import load
@@ -199,7 +199,7 @@ def test_what_other_parameters_do_not_change_stays(tmp_path):
     old, new = (make_core(MACHINE, write(tmp_path / f"{error}.toml", error)) for error in (OLD, NEW))
     state = WeighingService.start(old)
     hung = Weighed(900.0, 4.0, np.zeros(len(old.tares.values)), np.zeros(state.drift.values.size), 200)
-    burst = SensorDoubt(Level.REJECTED, SensorFault.BURST, (0,))
+    burst = SensorSuspicion(Level.REJECTED, SensorFault.BURST, (0,))
     state.bookings.candidate, state.monitor.suspicion = hung, burst
     state.scale, state.stopped = Scale(5.0, 7.0), True
     after = state.with_core(new)
@@ -211,7 +211,7 @@ def test_what_other_parameters_do_not_change_stays(tmp_path):
     missed = after.bookings.missed
     assert (after.bookings.candidate, missed.number, missed.mass) == (None, 1, 900.0)
     light = state.copied()
-    light.monitor.suspicion = SensorDoubt(Level.DOUBTED, SensorFault.LIGHT, (0,))
+    light.monitor.suspicion = SensorSuspicion(Level.SUSPECTED, SensorFault.NEGATIVE_WEIGHT, (0,))
     assert light.with_core(new).monitor.suspicion.level is Level.FINE
     assert not after.memory.unconfirmed
     doubted = state.with_core(new, unconfirmed=True)

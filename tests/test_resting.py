@@ -6,7 +6,7 @@ import pytest
 from cylforce.estimation.kernel.making import numbers
 from cylforce.service.core import Core
 from cylforce.service.plausibility.blocks import SAMPLES, Block, no_blocks
-from cylforce.service.plausibility.constant_error import KEPT, UNSURE, VOTES, VoteConstants
+from cylforce.service.plausibility.detectors.constant_error import KEPT, UNSURE, VOTES, VoteConstants
 from cylforce.service.plausibility.pressure_groups import GROUP, GROUPS, GroupConstants, PressureGroups
 from cylforce.service.plausibility.suspicion import Level
 from cylforce.settings.machine_file import load

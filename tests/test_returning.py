@@ -7,9 +7,9 @@ import pytest
 
 from cylforce.programs.common.readings import make_core
 from cylforce.service.plausibility.blocks import BAR, Block
-from cylforce.service.plausibility.constant_error import KEPT, VOTES
-from cylforce.service.plausibility.pressure_leap import ENOUGH, WRONGLY, LeapConstants, PressureLeap
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.detectors.constant_error import KEPT, VOTES
+from cylforce.service.plausibility.detectors.pressure_step import ENOUGH, WRONGLY, PressureStep, StepConstants
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.settings.machine_file import load
 from scenarios import EXCAVATOR
 
@@ -35,8 +35,8 @@ def block(machine, best=0.0, left=0.0):
 
 
 def doubted(machine, cause, signal=HEAD, size=STEP * BAR):
-    leap = PressureLeap.start(machine)
-    leap.steps, leap.doubt = 10_000, SensorDoubt(Level.DOUBTED, cause, (signal,), size)
+    leap = PressureStep.start(machine)
+    leap.steps, leap.report = 10_000, SensorSuspicion(Level.SUSPECTED, cause, (signal,), size)
     return leap
 
 
@@ -55,9 +55,9 @@ def test_what_is_taken_back_wrongly_is_as_seldom_as_it_is_said_to_be():
 @pytest.mark.parametrize("cause", [SensorFault.STEPPED, SensorFault.SWAPPED])
 def test_several_seconds_that_a_load_explains_take_a_leap_back(machine, cause):
     leap = after(doubted(machine, cause), *[block(machine)] * (VOTES - 1))
-    assert leap.doubt.cause is cause
+    assert leap.report.cause is cause
     leap.vote(block(machine))
-    assert (leap.doubt, leap.votes) == (NOTHING_SUSPECTED, 0.0)
+    assert (leap.report, leap.votes) == (NOTHING_SUSPECTED, 0.0)
 
 
 def test_a_second_that_no_load_explains_begins_the_count_anew_after_an_exchange(machine):
@@ -65,9 +65,9 @@ def test_a_second_that_no_load_explains_begins_the_count_anew_after_an_exchange(
     leap = after(doubted(machine, SensorFault.SWAPPED), *[good] * (VOTES - 1), bad)
     assert leap.votes == 0.0
     after(leap, *[good] * (VOTES - 1))
-    assert leap.doubt.level is Level.DOUBTED
+    assert leap.report.level is Level.SUSPECTED
     leap.vote(good)
-    assert leap.doubt == NOTHING_SUSPECTED
+    assert leap.report == NOTHING_SUSPECTED
 
 
 @pytest.mark.parametrize("signal", [HEAD, ROD])
@@ -77,11 +77,11 @@ def test_seconds_that_the_step_explains_better_keep_the_doubt(machine, signal):
     of_head = STEP if signal == HEAD else -STEP * cylinder.area_rod / cylinder.area_head
     wrong = block(machine, best=of_head)
     leap = after(doubted(machine, SensorFault.STEPPED, signal), *[wrong] * 20)
-    assert leap.doubt.level is Level.DOUBTED
+    assert leap.report.level is Level.SUSPECTED
     assert leap.votes == -ENOUGH  # no more is kept against it
     after(leap, *[block(machine)] * (2 * VOTES - 1))
-    assert leap.doubt.level is Level.DOUBTED
-    assert after(leap, *[block(machine)] * 2).doubt == NOTHING_SUSPECTED  # one, but for rounding
+    assert leap.report.level is Level.SUSPECTED
+    assert after(leap, *[block(machine)] * 2).report == NOTHING_SUSPECTED  # one, but for rounding
 
 
 def test_a_second_in_contact_says_nothing_of_a_step(machine):
@@ -89,7 +89,7 @@ def test_a_second_in_contact_says_nothing_of_a_step(machine):
 
 
 def test_a_second_that_began_before_the_leap_says_nothing(machine):
-    settled = machine.constants(LeapConstants).settled
+    settled = machine.constants(StepConstants).settled
     for since, counts in ((10_000 - settled, False), (10_000 - settled - 1, True)):
         leap = doubted(machine, SensorFault.SWAPPED)
         leap.since = since
@@ -97,7 +97,7 @@ def test_a_second_that_began_before_the_leap_says_nothing(machine):
 
 
 def test_nothing_is_judged_without_a_doubt(machine):
-    leap = PressureLeap.start(machine)
+    leap = PressureStep.start(machine)
     leap.steps = 10_000
     assert after(leap, block(machine)).seconds == 0
 
@@ -107,9 +107,9 @@ def test_a_step_that_is_not_confirmed_ends_by_itself(machine):
     against, confirming, contact = block(machine), block(machine, best=STEP), block(machine, left=50.0)
     leap = after(doubted(machine, SensorFault.STEPPED), *[against, confirming] * VOTES)
     after(leap, *[contact] * (KEPT - 2 * VOTES - 1))
-    assert leap.doubt.level is Level.DOUBTED
-    assert after(leap, contact).doubt == NOTHING_SUSPECTED
+    assert leap.report.level is Level.SUSPECTED
+    assert after(leap, contact).report == NOTHING_SUSPECTED
     in_the_ground = after(doubted(machine, SensorFault.STEPPED), *[contact] * (2 * KEPT))
-    assert in_the_ground.doubt.level is Level.DOUBTED
+    assert in_the_ground.report.level is Level.SUSPECTED
     confirmed = after(doubted(machine, SensorFault.STEPPED), *[confirming] * (2 * KEPT))
-    assert confirmed.doubt.level is Level.DOUBTED
+    assert confirmed.report.level is Level.SUSPECTED

@@ -10,9 +10,9 @@ import pytest
 from cylforce.estimation.model import Model, Tares
 from cylforce.service.adaptation import DriftConstants, DriftFilter
 from cylforce.service.core import Core
-from cylforce.service.plausibility.pressure_leap import PressureLeap
+from cylforce.service.plausibility.detectors.pressure_step import PressureStep
 from cylforce.service.plausibility.reversals import CLEAR, ReversalConstants, Reversals
-from cylforce.service.plausibility.suspicion import Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import Level, SensorFault, SensorSuspicion
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
 from cylforce.signals.kinds import Kind
@@ -50,11 +50,11 @@ def asked(newtons, side=Kind.HEAD_PRESSURE, way=EXTENDS, steps=100 + AFTER, stri
     """Whether a step of one pressure that pushes the piston out by so many newtons may be friction."""
     own = MACHINE.cylinders[cylinder]
     area = own.area_head if side is Kind.HEAD_PRESSURE else -own.area_rod
-    doubt = SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (place(MACHINE, side, cylinder),), newtons / area)
+    suspicion = SensorSuspicion(Level.SUSPECTED, SensorFault.STEPPED, (place(MACHINE, side, cylinder),), newtons / area)
     reversals, drift = friction(stribeck)
     reversals.at, reversals.way = array("d", [-inf, 100.0, -inf]), array("d", [0.0, way, 0.0])  # the stick's alone
     speeds = [0.1 if c != cylinder else speed for c in range(3)]
-    return reversals.explains(doubt, steps, speeds, readings(), drift)
+    return reversals.explains(suspicion, steps, speeds, readings(), drift)
 
 
 def most(stribeck=0.0):
@@ -112,7 +112,7 @@ def work():
     state, turns = WeighingService.start(core), []
     for event in events:
         fed(state, event)
-        reversals = state.monitor.detector(PressureLeap).reversals
+        reversals = state.monitor.detector(PressureStep).reversals
         if state.pipeline.state is not None and reversals.at[STICK] == state.pipeline.steps:
             turns.append((seconds(event), reversals.way[STICK]))
     alone = [b for a, b in pairwise(turns) if b[0] - a[0] > 1.0]

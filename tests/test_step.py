@@ -438,7 +438,7 @@ def test_an_angle_that_leaps_is_not_believed_until_it_leaps_back(bench, back):
     assert shown
     for estimate in shown:
         assert (estimate.force.magnitude.status is Status.INVALID) is not back
-    assert (state.monitor.suspicion.cause is SensorFault.LEAPT) is not back
+    assert (state.monitor.suspicion.cause is SensorFault.ANGLE_STEPPED) is not back
 
 
 @pytest.mark.parametrize("signal", PRESSURES + ANGLES + OTHERS)

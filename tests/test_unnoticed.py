@@ -176,7 +176,7 @@ def test_zeros_that_spread_as_the_returns_tell_are_no_evidence():
     assert blocks.prior_of(drift) == pytest.approx(blocks.prior)
     for scale in (1.0, 100.0):
         drift.scale = np.array([1.0, scale])
-        left.append(second.conclude(drift).left[0])
+        left.append(second.conclude(drift).residual[0])
     assert left[1] < 0.1 * left[0]
 
 

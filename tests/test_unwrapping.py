@@ -135,7 +135,7 @@ def form(request, monkeypatch):
 
 def watched(loaded, angles):
     """Reasons and values of the bucket's inclination while it has these `angles` [rad] at 100 Hz, after a while at the
-    first, and the links before hang; the signals that leapt."""
+    first, and the links before hang; the signals that stepped."""
     service = loaded.service
     names = [s.name for s in service.machine.signals]
     others = {f"{joint}_angle": slope for joint, slope in zip(JOINTS, np.cumsum(HANGING), strict=True)}
@@ -147,7 +147,7 @@ def watched(loaded, angles):
         inputs.receive(frames)
         sample = inputs.sample(frames[-1].t_us)
         seen.append((Reason(int(inputs.channels[AT["bucket_angle"]].reason)), sample.values[AT["bucket_angle"]]))
-    return *zip(*seen[started:], strict=True), inputs.leapt
+    return *zip(*seen[started:], strict=True), inputs.stepped
 
 
 @pytest.mark.usefixtures("form")
@@ -155,20 +155,20 @@ def watched(loaded, angles):
 def test_passing_the_end_of_the_circle_is_no_leap(way):
     """From -160 to -200 degrees or back at 1.4 rad/s; the sensor sends 160 to 180 where the bucket is beyond."""
     angles = np.radians(np.linspace(-160.0, -200.0, 50))[:: int(way)]
-    reasons, values, leapt = watched(measured(INCLINED, (-180.0, 180.0)), angles)
+    reasons, values, stepped = watched(measured(INCLINED, (-180.0, 180.0)), angles)
     assert set(reasons) == {Reason.NONE}
     np.testing.assert_allclose(values, angles, atol=radians(0.001))
-    assert leapt == ()
+    assert stepped == ()
 
 
 @pytest.mark.usefixtures("form")
 def test_a_leap_across_the_end_of_the_circle_is_a_leap():
     """By 6 degrees, from -177 to -183: more than 3 rad/s make in 10 ms."""
     angles = np.radians([-177.0] * 30 + [-183.0] * 130)
-    reasons, values, leapt = watched(measured(INCLINED, (-180.0, 180.0)), angles)
+    reasons, values, stepped = watched(measured(INCLINED, (-180.0, 180.0)), angles)
     assert reasons[:30] + reasons[30:130] == (Reason.NONE,) * 30 + (Reason.IMPLAUSIBLE_JUMP,) * 100
     np.testing.assert_allclose(np.degrees([values[29], values[-1]]), [-177.0, -183.0], atol=0.001)
-    assert leapt == (AT["bucket_angle"],)
+    assert stepped == (AT["bucket_angle"],)
     back = np.radians([-177.0] * 30 + [-183.0] * 130 + [-177.0] * 130)
     assert watched(measured(INCLINED, (-180.0, 180.0)), back)[2] == ()
 

@@ -14,7 +14,7 @@ from cylforce.files.recording import as_frames
 from cylforce.files.tables import Table
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.common.play import prepare
-from cylforce.programs.live.doubts import Doubts
+from cylforce.programs.live.sensor_messages import SensorMessages
 from cylforce.service.core import Core
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault
 from cylforce.settings.machine_file import load
@@ -96,14 +96,14 @@ def work():
 
 
 FAULTS_OF_SENSORS = [
-    (Fault("nodes exchanged", 0, 1, begin=BEGIN), SensorFault.EXCHANGED, 0xFF10, 12.0),
-    (Fault("sides exchanged", 0, begin=BEGIN), SensorFault.EXCHANGED, 0xFF10, 12.0),
-    (Fault("dead", ROD, begin=BEGIN), SensorFault.STUCK, 0xFF20, 25.0),
-    (Fault("frozen", ROD, begin=BEGIN), SensorFault.STUCK, 0xFF20, 25.0),
+    (Fault("nodes exchanged", 0, 1, begin=BEGIN), SensorFault.CONTRADICTS_MOTION, 0xFF10, 12.0),
+    (Fault("sides exchanged", 0, begin=BEGIN), SensorFault.CONTRADICTS_MOTION, 0xFF10, 12.0),
+    (Fault("dead", ROD, begin=BEGIN), SensorFault.FROZEN, 0xFF20, 25.0),
+    (Fault("frozen", ROD, begin=BEGIN), SensorFault.FROZEN, 0xFF20, 25.0),
     (Fault("burst", HEAD, begin=BEGIN), SensorFault.BURST, 0xFF22, 0.11),
     (Fault("step", HEAD, size=15.0 * BAR, begin=BEGIN), SensorFault.OFFSET, 0xFF23, 25.0),
-    (Fault("step", ROD, size=-6.5 * BAR, begin=BEGIN), SensorFault.IMPOSSIBLE, 0xFF23, 25.0),
-    (Fault("slipped", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), SensorFault.LEAPT, 0xFF24, 2.0),
+    (Fault("step", ROD, size=-6.5 * BAR, begin=BEGIN), SensorFault.BELOW_VACUUM, 0xFF23, 25.0),
+    (Fault("slipped", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), SensorFault.ANGLE_STEPPED, 0xFF24, 2.0),
     (Fault("sliding", STICK_ANGLE, size=6.0 * DEGREE, begin=BEGIN), SensorFault.SLIPPED, 0xFF24, 30.0),
 ]
 
@@ -120,11 +120,11 @@ def test_a_fault_of_a_sensor(work, fault, cause, code, within):
         assert course.service.estimate.gross.status is Status.INVALID
         assert course.service.estimate.force.x.reason in (Reason.SENSORS_DISAGREE, Reason.FROZEN)
     sent, told = [], Told()
-    doubts = Doubts(work.machine, Emergencies(lambda data: not sent.append(data), lambda *_: None), told)
-    doubts.look(first[1])
+    messages = SensorMessages(work.machine, Emergencies(lambda data: not sent.append(data), lambda *_: None), told)
+    messages.report(first[1])
     assert int.from_bytes(sent[0][:2], "little") == code
     assert told.lines[0][1]["signals"] == [work.machine.signals[k].name for k in first[1].signals]
-    doubts.look(NOTHING_SUSPECTED)
+    messages.report(NOTHING_SUSPECTED)
     assert sent[1][:2] == bytes(2)
 
 
@@ -135,9 +135,9 @@ def test_the_empty_bucket_tells_that_its_angle_has_slipped(work, degrees):
     fault = Fault("sliding", BUCKET_ANGLE, size=degrees * DEGREE, begin=22.0)
     course, order = work.with_fault(fault), work.with_fault(fault._replace(size=0.0))
     assert not order.suspicions
-    t, doubt = next((t, s) for t, s in course.suspicions if s.cause is SensorFault.MISPLACED)
+    t, suspicion = next((t, s) for t, s in course.suspicions if s.cause is SensorFault.IMPOSSIBLE_MOMENTS)
     assert 22.0 < t < 37.0
-    assert (doubt.level, len(doubt.signals)) == (Level.DOUBTED, len(work.machine.signals))
+    assert (suspicion.level, len(suspicion.signals)) == (Level.SUSPECTED, len(work.machine.signals))
     after = course.t_s > t + 0.02
     assert not course.ok[after].any()
     assert not [b for b in course.bookings if 1e-6 * b.t_us > t]

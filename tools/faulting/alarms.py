@@ -1,4 +1,4 @@
-"""How often the service doubts a machine in order: over recordings of a foreign generator, and as much digging of the
+"""How often the service suspects a sensor in order: over recordings of a foreign generator, and as much digging of the
 project's own simulator, and digging and empty motion of reference machines, as a time of this processor allows."""
 
 import argparse
@@ -15,7 +15,7 @@ from typing import NamedTuple
 from rich.console import Console
 from rich.table import Table
 
-from cylforce.service.plausibility.suspicion import Level, SensorDoubt
+from cylforce.service.plausibility.suspicion import Level, SensorSuspicion
 from weighing.bucket import reference
 
 from .leaps import AIR, CONTACT, WORK
@@ -29,21 +29,21 @@ SOURCES = (("foreign, digging", (WORK,)), ("foreign, contact", (CONTACT,)), ("fo
 
 class Alarms(NamedTuple):
     """A recording in order: its source and name, hours, share of the time in which the weight and the force were OK;
-    the doubts, with their times [s] after its beginning."""
+    the suspicions, with their times [s] after its beginning."""
 
     source: str
     name: str
     hours: float
     ok: tuple[float, float]
-    doubts: list[tuple[float, SensorDoubt]]
+    suspicions: list[tuple[float, SensorSuspicion]]
 
 
 def judged(source: str, name: str, case: Case) -> Alarms:
     """What the service says to a recording."""
     course = followed(case.core, events(case, case.table.values, slice(None)))
     begun, ok = float(case.table.t_s[0]), course.ok.mean(axis=0)
-    doubts = [(t - begun, s) for t, s in course.suspicions if s.level is not Level.FINE]
-    return Alarms(source, name, len(course.t_s) / case.rate_hz / 3600.0, (float(ok[0]), float(ok[1])), doubts)
+    suspicions = [(t - begun, s) for t, s in course.suspicions if s.level is not Level.FINE]
+    return Alarms(source, name, len(course.t_s) / case.rate_hz / 3600.0, (float(ok[0]), float(ok[1])), suspicions)
 
 
 def foreign(folder: Path, numbers: list[int]) -> Iterator[Alarms]:
@@ -84,7 +84,7 @@ def summary(found: list[Alarms]) -> dict[str, dict[str, float]]:
     each = {}
     for source in dict.fromkeys(one.source for one in found):
         own = [one for one in found if one.source == source]
-        hours, alarms = sum(one.hours for one in own), sum(len(one.doubts) for one in own)
+        hours, alarms = sum(one.hours for one in own), sum(len(one.suspicions) for one in own)
         shares = [sum(one.ok[k] * one.hours for one in own) / hours for k in (0, 1)]
         each[source] = {"recordings": len(own), "hours": hours, "alarms": alarms, "weight_ok": shares[0]}
         each[source] |= {"force_ok": shares[1], "per_hour": alarms / hours}
@@ -94,7 +94,7 @@ def summary(found: list[Alarms]) -> dict[str, dict[str, float]]:
 def table(figures: dict[str, dict[str, float]]) -> Table:
     """By source."""
     shown = Table(title="machines in order that are doubted")
-    for name in ("source", "recordings", "hours", "doubts", "weight OK", "force OK"):
+    for name in ("source", "recordings", "hours", "suspicions", "weight OK", "force OK"):
         shown.add_column(name, justify="left" if name == "source" else "right")
     for source, f in figures.items():
         shares = (f"{100.0 * f[key]:.1f} %" for key in ("weight_ok", "force_ok"))
@@ -119,9 +119,9 @@ def main() -> int:
     for one in chain(foreign(folder, asked.foreign), recorded(asked.recorded), made):
         found.append(one)
         if asked.verbose:
-            print(f"{one.name}: {one.hours:.3f} h, {len(one.doubts)} doubts", flush=True)
-        for t, doubt in one.doubts:
-            print(f"{one.name}: {t:.2f} s {doubt.cause.name} {doubt.signals} {doubt.size:.4g}", flush=True)
+            print(f"{one.name}: {one.hours:.3f} h, {len(one.suspicions)} suspicions", flush=True)
+        for t, suspicion in one.suspicions:
+            print(f"{one.name}: {t:.2f} s {suspicion.cause.name} {suspicion.signals} {suspicion.size:.4g}", flush=True)
         if sum(each.hours for each in found) >= asked.hours:
             break
     figures = summary(found)

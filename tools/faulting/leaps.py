@@ -22,7 +22,7 @@ from cylforce.files.recording import open_recording
 from cylforce.files.tables import Table as Samples
 from cylforce.programs.common.readings import model_of
 from cylforce.service.plausibility.detector import MonitoredMachine
-from cylforce.service.plausibility.pressure_leap import AFTER, LONGEST, LeapTest, PressureLeap
+from cylforce.service.plausibility.detectors.pressure_step import AFTER, LONGEST, PressureStep, StepTest
 from cylforce.service.plausibility.suspicion import SensorFault
 from cylforce.settings.machine_file import Loaded, load
 from cylforce.signals.estimate import Array
@@ -39,7 +39,7 @@ class Piece(NamedTuple):
     """A recording in order: its source, what looks for leaps, its pressures (T, P) [Pa]."""
 
     source: str
-    leaping: PressureLeap
+    leaping: PressureStep
     pressures: Array
 
 
@@ -50,7 +50,7 @@ class Seen(NamedTuple):
     hours: float
     exceeded: float
     largest: float
-    leapt: int
+    stepped: int
     sides: float
     nodes: float
     steps: tuple[float, ...]
@@ -92,7 +92,7 @@ def _piece(source: str, loaded: Loaded, path: Path) -> Piece:
 
 def _made(source: str, loaded: Loaded, values: Array) -> Piece:
     model = model_of(loaded)
-    leaping = PressureLeap.start(MonitoredMachine(model, model.data_sheet, inf))
+    leaping = PressureStep.start(MonitoredMachine(model, model.data_sheet, inf))
     return Piece(source, leaping, values[:, leaping.constants.test.signals])
 
 
@@ -102,8 +102,8 @@ def seen(piece: Piece, rng: np.random.Generator) -> Seen:
     changes = np.abs(np.diff(found, axis=0)) / BAR
     at = rng.integers(0, len(found) - LONGEST, TRIED)
     windows = np.lib.stride_tricks.sliding_window_view(found, LONGEST, axis=0)[at].swapaxes(1, 2)
-    exchanged = [_share(test, [_exchanged(w, pairs) for w in windows]) for pairs in test.exchanges]
-    single = [len(pairs) == 1 for pairs in test.exchanges]
+    exchanged = [_share(test, [_exchanged(w, pairs) for w in windows]) for pairs in test.swaps]
+    single = [len(pairs) == 1 for pairs in test.swaps]
     return Seen(
         len(found) / piece.leaping.constants.blocks.model.filters.rate_hz / 3600.0,
         float(np.percentile(changes, 99.0)),
@@ -115,7 +115,7 @@ def seen(piece: Piece, rng: np.random.Generator) -> Seen:
     )
 
 
-def doubted(leaping: PressureLeap, pressures: Array) -> int:
+def doubted(leaping: PressureStep, pressures: Array) -> int:
     """How many leaps there are along pressures (T, P) [Pa], those of a friction that turns round among them."""
     times = set[int]()
     for k, row in enumerate(pressures.tolist(), 1):
@@ -138,8 +138,8 @@ def _stepped(window: Array, bar: float, rng: np.random.Generator) -> Array:
     return found
 
 
-def _share(test: LeapTest, windows: Sequence[Array]) -> float:
-    return float(np.mean([test.leap(w).cause is not SensorFault.NONE for w in windows]))
+def _share(test: StepTest, windows: Sequence[Array]) -> float:
+    return float(np.mean([test.suspicion(w).cause is not SensorFault.NONE for w in windows]))
 
 
 def table(found: Sequence[tuple[str, Seen]]) -> Table:
@@ -166,7 +166,7 @@ def table(found: Sequence[tuple[str, Seen]]) -> Table:
             f"{sum(x.hours for x in own):.2f}",
             f"{np.mean([x.exceeded for x in own]):.2f}",
             f"{max(x.largest for x in own):.1f}",
-            str(sum(x.leapt for x in own)),
+            str(sum(x.stepped for x in own)),
             *(f"{100.0 * share:.0f} %" for share in shares),
         )
     return shown

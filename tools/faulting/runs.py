@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.service.core import Core
-from cylforce.service.plausibility.suspicion import Level, SensorDoubt
+from cylforce.service.plausibility.suspicion import Level, SensorSuspicion
 from cylforce.service.service import WeighingService
 from cylforce.signals.estimate import Array, Booking, Quantity, Status
 from cylforce.signals.events import Event
@@ -26,7 +26,7 @@ class Course(NamedTuple):
     values: Array
     errors: Array
     ok: NDArray[np.bool_]
-    suspicions: list[tuple[float, SensorDoubt]]
+    suspicions: list[tuple[float, SensorSuspicion]]
     bookings: list[Booking]
     service: WeighingService
 
@@ -54,7 +54,7 @@ def followed(
     times: list[float] = []
     rows: list[tuple[Quantity, ...]] = []
     bookings: dict[int, Booking] = {}
-    suspicions: list[tuple[float, SensorDoubt]] = []
+    suspicions: list[tuple[float, SensorSuspicion]] = []
     known, before = service.monitor.suspicion, service.estimate.booking
     for event in events:
         estimate = service.on_event(event)
@@ -102,7 +102,7 @@ class Wrong(NamedTuple):
     wrong_bookings: int
     doubted_s: float
     rejected_s: float
-    suspicion: SensorDoubt
+    suspicion: SensorSuspicion
 
 
 def wrong(course: Course, order: Course) -> Wrong:
@@ -120,7 +120,7 @@ def wrong(course: Course, order: Course) -> Wrong:
     false = sum(abs(e) > CLEAR * s for e, s in booked)
     runs = lengths(np.asarray(bad.any(axis=1)))
     shown = np.where(np.logical_and(course.ok, np.isfinite(away)), away, 0.0)
-    doubted, rejected = (_first(course, level) for level in (Level.DOUBTED, Level.REJECTED))
+    doubted, rejected = (_first(course, level) for level in (Level.SUSPECTED, Level.REJECTED))
     return Wrong(
         float(bad.any(axis=1).mean()),
         float(bad[:, 0].mean()),

@@ -48,7 +48,7 @@ ROOMS = {
         ),
     ),
     "plausibility": Room(
-        ("service/plausibility/*.py", "estimation/kernel/heard.py"),
+        ("service/plausibility/*.py", "service/plausibility/detectors/*.py", "estimation/kernel/pressures.py"),
         (
             *("test_codes.py", "test_reversing.py", "test_resting.py", "test_returning.py"),
             *("test_leaps.py", "test_plausibility.py", "test_unnoticed.py"),

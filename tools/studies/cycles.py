@@ -18,10 +18,11 @@ from rich.console import Console
 from rich.table import Table
 
 from cylforce.commissioning.identification import identify
-from cylforce.estimation.residual import SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW
 from cylforce.programs.common.readings import calibrated, model_of, recorded_segments
 from cylforce.programs.live.books import changed
 from cylforce.records.writing import SHORTEST_CYCLE_US
+from cylforce.service.booking import MissedReason
 from cylforce.service.core import Core
 from cylforce.service.memory import NOTHING_KEPT
 from cylforce.service.service import WeighingService
@@ -118,7 +119,7 @@ def _note(done: Shift, service: WeighingService, core: Core, told: int) -> int:
         same = bool(done.bookings) and done.bookings[-1].number == booking.number
         done.bookings[len(done.bookings) - same :] = [booking]
     if books.missed.number > told:
-        done.told.append((t, books.missed.interrupted))
+        done.told.append((t, books.missed.reason is MissedReason.INTERRUPTED))
     mass = service.estimate.load.mass
     error = 100.0 * mass.standard_error / core.service.machine.rated_payload
     known = f"{mass.reason.name} (+- {error:.1f} %)" if mass.status is Status.DEGRADED else mass.reason.name
@@ -136,7 +137,7 @@ def buckets(notes: list[dict[str, Any]], done: Shift, rated: float) -> Iterator[
         if note is notes[0]:
             own = tuple(b for b in done.bookings if b.t_us * 1e-6 < until)
         mass = note["payload_kg"] - note["carry_back_kg"]
-        mass = mass if mass >= SMALLEST * rated else 0.0
+        mass = mass if mass >= EMPTY_BELOW * rated else 0.0
         again = any(free - DOWN_S <= t < until for t in done.restarts)
         yield Bucket(note["kind"], mass, again, own, "" if own or not mass else _why(done, note, until))
 

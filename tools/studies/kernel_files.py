@@ -28,13 +28,13 @@ from cylforce.signals.events import Event
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = {  # functions of a file that the service calls
-    "inputs.py": ("receive", "usable", "leapt", "quantise"),
+    "inputs.py": ("receive", "usable", "stepped", "quantise"),
     "rows.py, bodies.py, columns.py": ("sense", "advance", "slips", "moves"),
     "weighed.py": ("explain", "gate", "take", "conclude", "weigh_load", "without_load"),
     "pushed.py": ("push", "show", "learn", "fill"),
-    "recognised.py": ("gather", "everyday", "gather_block", "mislead", "rock", "turn_force", "notice"),
+    "recognised.py": ("gather", "daily_change", "gather_block", "error_torques", "rock", "turn_force", "mass_slopes"),
     "drifting.py, followed.py": ("certain", "follow"),
-    "heard.py": ("suspicious", "sure_leaps", "group", "compare", "listen"),
+    "pressures.py": ("suspicious", "certain_steps", "group", "compare", "update_noise"),
 }
 
 

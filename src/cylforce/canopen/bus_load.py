@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from cylforce.mechanics.installation import Service
+from cylforce.signals.identifiers import HEARTBEAT, SYNC
 
 BIT_RATES = (125_000, 250_000, 500_000, 1_000_000)  # bit/s, of CiA 301
 BUSY = 0.5  # share of the bit rate above which low priorities wait for several frames; chosen
@@ -46,12 +47,12 @@ def traffic(service: Service) -> Iterator[Traffic]:
     SDO transfers are excluded: there are few after the start.
     """
     if service.sync_producer:
-        yield Traffic("SYNC", 0x80, 0, service.filters.rate_hz)
+        yield Traffic("SYNC", SYNC, 0, service.filters.rate_hz)
     for node in service.nodes:
         for pdo in node.pdos:
             yield Traffic(f"{node.name} TPDO {pdo.number}", pdo.can_id, pdo.length, 1.0 / pdo.period_s)
         if node.heartbeat_s > 0.0:
-            yield Traffic(f"{node.name} heartbeat", 0x700 + node.node_id, 1, 1.0 / node.heartbeat_s)
+            yield Traffic(f"{node.name} heartbeat", HEARTBEAT + node.node_id, 1, 1.0 / node.heartbeat_s)
     for pdo in service.publication:
         yield Traffic(f"cylforce TPDO {pdo.number}", pdo.can_id, pdo.length, 1.0 / pdo.period_s)
-    yield Traffic("cylforce heartbeat", 0x700 + service.node_id, 1, 1.0 / service.heartbeat_s)
+    yield Traffic("cylforce heartbeat", HEARTBEAT + service.node_id, 1, 1.0 / service.heartbeat_s)

@@ -28,7 +28,7 @@ from cylforce.canopen.heartbeat import OnPeer
 from cylforce.canopen.node import Node, OnWritten, ignore_write
 from cylforce.canopen.objects import Commands
 from cylforce.mechanics.installation import SensorNode, Service
-from cylforce.service.publication import GROSS, NET, PAYLOAD_QUALITY, QUALITY
+from cylforce.service.published_values import GROSS, NET, PAYLOAD_QUALITY, QUALITY
 from cylforce.service.senders.supervision import CONSUMER_FACTOR
 from cylforce.signals.estimate import Status
 from cylforce.signals.layout import CODES, Field, Pdo, not_available

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from cylforce.signals.identifiers import HEARTBEAT
+
 BOOTED = 0  # state byte of a boot-up message
 STOPPED, OPERATIONAL, PRE_OPERATIONAL = 4, 5, 127  # NMT states in a heartbeat
 
@@ -51,14 +53,14 @@ class Heartbeats:
 
     def on_heartbeat(self, can_id: int, data: bytes | bytearray, t_us: int) -> None:
         """Note a heartbeat, a frame with identifier 700h + node number; ignore a malformed one."""
-        peer = self._peers.get(can_id - 0x700)
+        peer = self._peers.get(can_id - HEARTBEAT)
         if peer is None or len(data) != 1:
             return
         state, before = data[0] & 0x7F, peer.state
         peer.state, peer.last_us = state, t_us
-        self.silent.discard(can_id - 0x700)
+        self.silent.discard(can_id - HEARTBEAT)
         if state == BOOTED or state != before:
-            self._on_peer(can_id - 0x700, state)
+            self._on_peer(can_id - HEARTBEAT, state)
 
     def poll(self, t_us: int) -> None:
         """Report the nodes whose heartbeat is overdue at `t_us` [us]."""

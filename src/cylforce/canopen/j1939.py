@@ -13,7 +13,7 @@ from math import isfinite
 from struct import Struct
 from typing import NamedTuple
 
-from cylforce.service.publication import quality
+from cylforce.service.published_values import quality
 from cylforce.signals.estimate import Estimate
 from cylforce.signals.events import EXTENDED, REMOTE, Frame
 from cylforce.signals.units import DEGREE

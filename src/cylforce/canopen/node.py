@@ -20,6 +20,7 @@ from cylforce.canopen.network import Network, Send
 from cylforce.canopen.objects import NO_COMMANDS, RANGE, Commands, Objects
 from cylforce.canopen.sdo_server import NOT_STORED, SdoServer
 from cylforce.canopen.tpdo import Tpdo
+from cylforce.signals.identifiers import EMCY, HEARTBEAT, SYNC
 from cylforce.signals.layout import CODES, Pdo
 
 OnWritten = Callable[[int, int, bytes, bytes], None]  # (index, sub-index, value before, value after)
@@ -30,7 +31,6 @@ COMMUNICATION = 0x10  # bit of 1001h: communication error
 _STATES = {1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}  # state after an NMT command
 _NAMES = {OPERATIONAL: "OPERATIONAL", STOPPED: "STOPPED", PRE_OPERATIONAL: "PRE-OPERATIONAL"}
 _RESET_NODE, _RESET_COMMUNICATION = 129, 130
-_SYNC = 0x80  # identifier of SYNC
 
 
 class _Nmt(NmtSlave):
@@ -137,7 +137,7 @@ class Node(Objects):
             raise TypeError("a Node needs a cylforce.canopen.network.Network, which feeds it frames and time")
         super().associate_network(network)
         self._ours, self.send = network, network.send
-        network.subscribe(_SYNC, self._on_sync)
+        network.subscribe(SYNC, self._on_sync)
         network.every_poll(self._poll)
 
     def boot(self) -> None:
@@ -238,8 +238,8 @@ class Node(Objects):
     def produce_sync(self) -> None:
         """Send SYNC, if this node is its producer (1005h), and act on it."""
         if self.answers and self.raw(0x1005, 0) & 1 << 30:
-            self.send(_SYNC, b"")
-            self._on_sync(_SYNC, b"", 0.0)
+            self.send(SYNC, b"")
+            self._on_sync(SYNC, b"", 0.0)
 
     def _on_sync(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:
         """Send the synchronous PDOs, if operational."""
@@ -257,7 +257,7 @@ class Node(Objects):
 
     def _send_emergency(self, data: bytes) -> bool:
         """Send an emergency message; return False if it must be repeated: in a state without EMCY it must not."""
-        return not self.answers or self.send(0x80 + self.node_id, data)
+        return not self.answers or self.send(EMCY + self.node_id, data)
 
     def _watch(self) -> None:
         """Monitor the heartbeats that 1016h lists: node number in bits 16 to 22, time in ms in bits 0 to 15."""
@@ -267,7 +267,7 @@ class Node(Objects):
         self.heartbeats.watch((entry >> 16 & 0x7F, 1000 * (entry & 0xFFFF)) for entry in entries)
         for entry in entries:
             if entry:
-                self._ours.subscribe(0x700 + (entry >> 16 & 0x7F), self._on_heartbeat)
+                self._ours.subscribe(HEARTBEAT + (entry >> 16 & 0x7F), self._on_heartbeat)
 
     def _on_heartbeat(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Pass a heartbeat of another node on."""

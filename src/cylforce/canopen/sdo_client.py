@@ -9,6 +9,7 @@ from typing import TypeVar
 from canopen.sdo.exceptions import SdoAbortedError
 
 from cylforce.canopen.network import Network
+from cylforce.signals.identifiers import SDO_REQUEST, SDO_RESPONSE
 from cylforce.signals.layout import CODES
 
 TIMEOUT_S = 0.5  # s without an answer; chosen
@@ -56,11 +57,11 @@ class Client:
         self._network, self._node_id, self._timeout_s = network, node_id, timeout_s
         self._turn = asyncio.Lock()
         self._answers: asyncio.Queue[bytes] = asyncio.Queue(_WAITING)
-        network.subscribe(0x580 + node_id, self._on_answer)
+        network.subscribe(SDO_RESPONSE + node_id, self._on_answer)
 
     def close(self) -> None:
         """Receive no more answers."""
-        self._network.unsubscribe(0x580 + self._node_id, self._on_answer)
+        self._network.unsubscribe(SDO_RESPONSE + self._node_id, self._on_answer)
 
     async def upload(self, index: int, sub: int) -> bytes:
         """Read an object of the node: its bytes as sent."""
@@ -138,7 +139,7 @@ class Client:
         """
         while not self._answers.empty():
             self._answers.get_nowait()
-        self._network.send(0x600 + self._node_id, request)
+        self._network.send(SDO_REQUEST + self._node_id, request)
         for _ in range(_PARTS):
             with suppress(TimeoutError):
                 async with asyncio.timeout(self._timeout_s / _PARTS):
@@ -163,4 +164,4 @@ class Client:
 
     def _abort(self, index: int, sub: int, code: int) -> None:
         """Send the server an abort of a transfer."""
-        self._network.send(0x600 + self._node_id, _HEAD.pack(0x80, index, sub) + pack("<I", code))
+        self._network.send(SDO_REQUEST + self._node_id, _HEAD.pack(0x80, index, sub) + pack("<I", code))

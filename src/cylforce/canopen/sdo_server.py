@@ -8,6 +8,8 @@ from typing import Protocol
 from canopen.sdo import server
 from canopen.sdo.exceptions import SdoAbortedError
 
+from cylforce.signals.identifiers import SDO_REQUEST, SDO_RESPONSE
+
 # Abort codes of CiA 301.
 TOGGLE = 0x05030000  # toggle bit not alternated
 TIMEOUT = 0x05040000  # protocol timed out
@@ -55,7 +57,7 @@ class SdoServer(server.SdoServer):
     """
 
     def __init__(self, node: SdoOwner) -> None:
-        super().__init__(0x600 + node.node_id, 0x580 + node.node_id, node)
+        super().__init__(SDO_REQUEST + node.node_id, SDO_RESPONSE + node.node_id, node)
         self._owner = node
         self._index = self._subindex = self._toggle = 0
         self._at = (0, 0)  # index and sub-index of the transfer

@@ -6,6 +6,8 @@ from typing import Protocol
 from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 
+from cylforce.signals.identifiers import is_of_a_pdo
+
 DISABLED, NO_REMOTE = 1 << 31, 1 << 30  # bits of a COB-ID
 
 # Abort codes of CiA 301.
@@ -114,7 +116,7 @@ class Tpdo:
     def _check_cob_id(self, value: int) -> None:
         """Allow identifiers of PDOs only, and their change only while the PDO is disabled."""
         can_id = value & 0x3FFFFFFF
-        if not (0x181 <= can_id <= 0x57F or 0x680 <= can_id <= 0x6DF):
+        if not is_of_a_pdo(can_id):
             raise SdoAbortedError(VALUE_RANGE)
         if not (self._cob_id | value) & DISABLED and can_id != self._cob_id & 0x3FFFFFFF:
             raise SdoAbortedError(DEVICE_STATE)

@@ -15,7 +15,7 @@ from cylforce.estimation.blocks import Factors, joined
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.observation import Observed, chunks, observe
 from cylforce.estimation.priors.prior import Prior
-from cylforce.estimation.residual import SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW
 from cylforce.signals.estimate import Array
 
 # (model, tares, samples (T, S)) -> estimated load (T-1,) [kg] at each step; 0 where there is no consistent estimate.
@@ -80,7 +80,7 @@ def _check_weight(empty: Identification, loads: Array, known_kg: float) -> None:
     rate = empty.model.filters.rate_hz
     if np.sum(_alike(loads, known_kg)) >= ENOUGH_SECONDS * rate:
         return
-    lifted = loads[loads > SMALLEST * empty.model.machine.rated_payload]
+    lifted = loads[loads > EMPTY_BELOW * empty.model.machine.rated_payload]
     if lifted.size >= ENOUGH_SECONDS * rate:
         raise ValueError(
             f"what was lifted weighs about {np.median(lifted):.0f} kg, not {known_kg:g} kg: give its true weight, and "

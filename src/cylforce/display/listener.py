@@ -10,6 +10,7 @@ from cylforce.service.commands import ZERO
 from cylforce.signals.codec import decode
 from cylforce.signals.estimate import Sample
 from cylforce.signals.events import Frame
+from cylforce.signals.identifiers import EMCY, HEARTBEAT, SDO_RESPONSE
 
 LATE_US = 500_000  # us, age from which on a published value is not shown; chosen
 SECOND_US = 1_000_000
@@ -66,11 +67,11 @@ class Listener:
             self._received[frame.can_id] = ReceivedPdo(frame.t_us, frame.data)
         elif frame.can_id in self._inputs.constants.decoders:
             self._inputs.receive((frame,))
-        elif frame.can_id == 0x580 + self.service.node_id and frame.data[:4] == ZEROED:
+        elif frame.can_id == SDO_RESPONSE + self.service.node_id and frame.data[:4] == ZEROED:
             self.zeroed_us = frame.t_us
-        elif kind == 0x700 and len(frame.data) == 1:
+        elif kind == HEARTBEAT and len(frame.data) == 1:
             self.nodes[node] = NodeState(frame.data[0] & 0x7F, frame.t_us)
-        elif kind == 0x080 and node and len(frame.data) >= 2:
+        elif kind == EMCY and node and len(frame.data) >= 2:
             self.emergencies[node] = int.from_bytes(frame.data[:2], "little")
 
     def _count(self, frame: Frame) -> None:

@@ -13,7 +13,7 @@ from cylforce.display.listener import Listener
 from cylforce.display.panel import Loading
 from cylforce.estimation.channels import Channels
 from cylforce.mechanics.outline import Place, outline
-from cylforce.service import publication as names
+from cylforce.service import published_values as names
 from cylforce.signals.estimate import Array, Reason, Sample, Status
 from cylforce.signals.kinds import Signal
 

@@ -14,7 +14,7 @@ from cylforce.estimation.priors.bars import represented
 from cylforce.mechanics.machine import Link
 from cylforce.signals.estimate import Array
 
-TURNED = 0.2  # relative standard error of a data sheet's parameters of slewing, as in `Model.prior`
+SLEWING = 0.2  # relative standard error of a data sheet's parameters of slewing, as in `Model.prior`
 
 
 class Tool(NamedTuple):
@@ -29,18 +29,29 @@ class Tool(NamedTuple):
 
 
 def tool_of(link: Link) -> Tool:
-    """Return the data sheet of a link as a tool, with errors propagated to first order."""
+    """Return a link's data sheet as a tool (m, m x, m z, J about its inner pin), with its covariance.
+
+    The tolerances of mass, centre and inertia are independent standard errors, propagated to first order; a thousandth
+    of each value is added, so that the covariance can be inverted.
+
+    link: mass [kg], centre of mass cx, cz [m], inertia about it [kg m^2]
+    """
     m, x, z = link.mass, link.cx, link.cz
     values = np.array([m, m * x, m * z, link.inertia + m * (x**2 + z**2)])
     gradient = np.array([[1.0, 0, 0, 0], [x, m, 0, 0], [z, 0, m, 0], [x**2 + z**2, 2 * m * x, 2 * m * z, 1.0]])
-    spread = gradient * (link.mass_error, link.centre_error, link.centre_error, link.inertia_error)
-    return Tool(values, spread @ spread.T + np.diag(1e-6 * values**2 + 1e-6))
+    errors = gradient * (link.mass_error, link.centre_error, link.centre_error, link.inertia_error)
+    return Tool(values, errors @ errors.T + np.diag(1e-6 * values**2 + 1e-6))
 
 
 def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
-    """Return the tares of `other`, the machine of `standard` with another last link.
+    """Return the tares of the machine with another tool: Phi' = Phi - L b + L b' (see above).
 
-    The data sheet of that link is trusted within its tolerances."""
+    The data sheets of both tools are trusted within their tolerances.
+
+    tares:    identified with the standard tool
+    standard: model of the machine with the standard tool, its last link
+    other:    model of the machine with the other tool
+    """
     old, new, put = tool_of(standard.machine.links[-1]), tool_of(other.machine.links[-1]), other.load
     # (3, P): from Phi to the tool's m x, m z, J, with the linkages' bars that a data sheet's link contains
     own = put[:, 1:].T @ represented(standard.machine, tares.names)
@@ -49,16 +60,22 @@ def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
     mass = old.values[0] + heavier @ (own @ tares.values - old.values[1:])
     values = tares.values + put @ (new.values - np.append(mass, own @ tares.values))  # Phi + L (b' - b)
     common = np.eye(len(values)) - put @ np.vstack([heavier @ own, own])
-    turned, changed = _turned(standard, other)
-    values[turned] += changed
+    slewing, changed = _slewing_change(standard, other)
+    values[slewing] += changed
     error = new.covariance + np.diag([unknown, 0.0, 0.0, 0.0])
     covariance = common @ tares.covariance @ common.T + put @ error @ put.T
-    covariance[turned, turned] += (TURNED * changed) ** 2
+    covariance[slewing, slewing] += (SLEWING * changed) ** 2
     return tares._replace(values=values, covariance=(covariance + covariance.T) / 2.0)
 
 
-def _turned(standard: Model, other: Model) -> tuple[NDArray[np.intp], Array]:
-    """Return the numbers of the parameters of slewing, and their differences between the two data sheets."""
+def _slewing_change(standard: Model, other: Model) -> tuple[NDArray[np.intp], Array]:
+    """Return the numbers (n,) of the parameters of slewing, and by how much (n,) the other tool changes them [kg m^2].
+
+    These parameters, D_excess and E of each link, are second moments that act only while the house slews. They are no
+    part of a tool's (m, m x, m z, J), so that they change by the difference of the data sheets: other less standard.
+
+    standard, other: models of the machine with either tool, with the same parameters in the same order
+    """
     names = enumerate(p.name for p in other.parameters)
-    turned = np.array([k for k, name in names if name.endswith((".D_excess", ".E"))], dtype=np.intp)
-    return turned, (other.prior.mean - standard.prior.mean)[turned]
+    slewing = np.array([k for k, name in names if name.endswith((".D_excess", ".E"))], dtype=np.intp)
+    return slewing, (other.prior.mean - standard.prior.mean)[slewing]

@@ -73,11 +73,15 @@ def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, floa
 
 
 def predicted(data: Factors, row_error: Array, prior: Prior | None, memory: float, out: Array) -> Array:
-    """Return the mean squared prediction error per sample (B_out,), in units of row_error (R,) squared.
+    """Return the mean squared prediction error per sample (B_out,) of each block left out, in squared row errors.
 
-    Each block marked in `out` (B,) is predicted by a fit of the other blocks.
+    The B_out blocks are predicted by one fit of the other blocks.
 
-    memory: see `Fit`
+    data:      B blocks of R measured torques
+    row_error: (R,) standard error of each row [N m]
+    prior:     of the parameters; None: none
+    memory:    number of consecutive samples that count as one independent sample
+    out:       (B,) whether a block is left out and predicted
     """
     weight = np.where(out[:, None], 0.0, 1.0 / row_error) / np.sqrt(memory) * np.ones_like(data.samples)
     root = _prior_rows(prior, data.triangle.shape[-1] - 1)
@@ -117,6 +121,14 @@ class _Round(NamedTuple):
 
 
 def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: float) -> _Round:
+    """Return one pass of reweighting: the weighted solution, and the weights and memory that follow from its residuals.
+
+    data:      blocks of the recording
+    row_error: (R,) standard error of a row [N m]
+    root:      rows (..., K+1) of the prior, with errors of one
+    trust:     (B, R) weight of each block by its misfit; 1: in full
+    memory:    number of consecutive samples that count as one independent sample
+    """
     weight = trust / row_error / np.sqrt(memory)
     triangle = stacked_triangle(data, weight)
     found = _solved(triangle, stacked_triangle(of_noise(data), weight), root)
@@ -126,7 +138,13 @@ def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: f
 
 
 def _prior_rows(prior: Prior | None, size: int) -> Array:
-    """Return the prior as rows [columns | observed] (K, K+1) with errors of one; no rows without a prior."""
+    """Return the prior of K parameters as rows [columns | observed] (K, K+1) with errors of one; (0, K+1) without it.
+
+    The rows are an inverse root of the covariance. It is computed from the correlation, whose eigenvalues are limited
+    from below.
+
+    size: K
+    """
     if prior is None:
         return np.zeros((0, size + 1))
     spread = np.sqrt(np.diag(prior.covariance))
@@ -136,20 +154,27 @@ def _prior_rows(prior: Prior | None, size: int) -> Array:
 
 
 def _solved(triangle: Array, noise: Array, root: Array) -> _Solution:
-    """Return the least-squares solution of the rows of `triangle` and `root`, less the contribution of `noise`.
+    """Return the solution of (A'A - N'N + L'L) values = A'b - N'n + L'l, least squares corrected for column noise.
 
-    The columns are scaled, so that no digits are lost."""
+    A and b are columns and observed values of the rows, N and n their noise, L and l those of the prior. With white
+    white' = (A'A + L'L)^-1 the noise is the share (N white)'(N white) of the information. It is subtracted, at most
+    MOST_REMOVED of it in a direction. The columns are scaled, so that no digits are lost.
+
+    triangle: (K+1, K+1) of the weighted rows [A | b]
+    noise:    (K+1, K+1) of their noise [N | n]
+    root:     rows (..., K+1) of the prior [L | l]
+    """
     rows = np.concatenate([triangle, root])
     scale = linalg.norm(rows[:, :-1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     left, singular, right = linalg.svd(rows[:, :-1] / scale, full_matrices=False)
     good = singular > np.finfo(float).eps * rows.shape[1] * singular[0]
     white = right[good].T / singular[good] / scale[:, None]
-    unsure = noise[:, :-1] @ white
-    gain, axes = _enlarged(unsure.T @ unsure)
+    noise_share = noise[:, :-1] @ white
+    gain, axes = _enlarged(noise_share.T @ noise_share)
     white = white @ axes * np.sqrt(gain)
-    pull = axes.T @ (left[:, good].T @ rows[:, -1] - unsure.T @ noise[:, -1])
-    return _Solution(np.asarray(white @ (np.sqrt(gain) * pull)), white)
+    right = axes.T @ (left[:, good].T @ rows[:, -1] - noise_share.T @ noise[:, -1])
+    return _Solution(np.asarray(white @ (np.sqrt(gain) * right)), white)
 
 
 def _enlarged(share: Array) -> tuple[Array, Array]:
@@ -164,9 +189,13 @@ def _enlarged(share: Array) -> tuple[Array, Array]:
 
 
 def _pull(data: Factors, values: Array, weight: Array) -> Array:
-    """Return the score of every block (B, K), summed over the rows, without the part of the noise.
+    """Return the score A' e of every block (B, K), summed over its weighted rows, less that of the sensors' noise.
 
-    It is the direction in which the block would change the parameters `values` (K,)."""
+    It is the direction in which the block would change the parameters.
+
+    values: (K,) parameters at which the residuals e are computed
+    weight: (B, R) factor on the rows of each block
+    """
     each = scores(data, values) - scores(of_noise(data), values)
     return np.asarray(np.sum(each * weight[..., None] ** 2, axis=1))
 
@@ -192,7 +221,8 @@ def _inflation(triangle: Array, meat: Array) -> float:
 
     It is the mean over the directions that the data determine.
 
-    meat: (K, K) variance of the scores
+    triangle: (K+1, K+1) of the rows, weighted as for independent residuals
+    meat:     (K, K) sum of the blocks' squared scores, the middle of the sandwich covariance
     """
     scale = linalg.norm(triangle[:, :-1], axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -203,7 +233,7 @@ def _inflation(triangle: Array, meat: Array) -> float:
 
 
 def _trust(data: Factors, values: Array) -> Array:
-    """Return the weight (B, R) of every block.
+    """Return the weight (B, R) of every block of each of R rows, by its residuals at the parameters `values` (K,).
 
     It is 1, and less for a mean squared residual above OUTLIER times the row's median, so that weight^2 * square stays
     at that bound."""
@@ -225,6 +255,14 @@ def _scale(triangle: Array, prior: Prior | None) -> Array:
 
 
 def _excitation(triangle: Array, scale: Array) -> tuple[Array, Array]:
+    """Return whether the data determine each parameter (K,), and the directions (K, D) that they do not determine.
+
+    A direction is not determined if its singular value is less than RANK times the largest one. A parameter is
+    determined unless half of it or more lies in such directions.
+
+    triangle: (..., K) of the rows, without the observed values
+    scale:    (K,) of the parameters
+    """
     _, singular, vectors = linalg.svd(triangle * scale)
     lost = np.ones(triangle.shape[1], dtype=bool)
     lost[: singular.size] = singular < RANK * max(singular[0], 1e-300)
@@ -233,6 +271,10 @@ def _excitation(triangle: Array, scale: Array) -> tuple[Array, Array]:
 
 
 def _row_rms(data: Factors, values: Array, trust: Array) -> Array:
+    """Return the rms residual (R,) [N m] of each measured torque at parameters `values` (K,), rows set aside included.
+
+    trust: (B, R) weight of each block
+    """
     weight = trust**2
     squares = (residual_squares(data, values) + residual_squares(of_others(data), values)) * weight
     count = (data.samples + data.others) * weight

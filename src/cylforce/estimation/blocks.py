@@ -102,12 +102,13 @@ def row_factors(rows: BlockRows, block: int) -> Factors:
 
 
 def _triangles(rows: tuple[Array, ...], good: NDArray[np.bool_], block: int, size: int) -> Array:
-    """Return the triangles (B, R, K, K) of the rows that are `good` (T, R).
+    """Return the upper triangular factors (B, R, K, K) of the QR decompositions of B blocks of R rows.
 
-    The other rows are replaced by zeros, which do not change a triangle. One block after the other is decomposed in the
-    same array, which stays in the processor's cache.
+    Rows that are not good are replaced by zeros, which do not change a triangle. The last block may be shorter. One
+    block after the other is decomposed in the same array, which stays in the processor's cache.
 
     rows:  parts (T, R, ...) side by side, together K numbers; no part: the triangles are zero
+    good:  (T, R) whether a row is used
     block: samples per block
     size:  K
     """
@@ -124,9 +125,13 @@ def _triangles(rows: tuple[Array, ...], good: NDArray[np.bool_], block: int, siz
 
 
 def _decompose(columns: Array, into: Array) -> None:
-    """Write the triangle (K, K) of columns (K, T) to `into`.
+    """Compute the upper triangular factor of the QR decomposition of a matrix (T, K), given by its columns.
 
-    The columns are overwritten: LAPACK needs this order, and NumPy's `qr` would copy them twice more."""
+    LAPACK needs this order, and NumPy's `qr` would copy the columns twice more.
+
+    columns: (K, T), T >= K; overwritten
+    into:    (K, K) written: the triangle
+    """
     from scipy.linalg.lapack import dgeqrf  # here, because programs that only read results do without scipy
 
     size = len(columns)
@@ -140,27 +145,36 @@ def _above(size: int) -> Array:
 
 
 def _fill(place: Array, parts: list[Array], good: NDArray[np.bool_]) -> None:
-    """Write the columns of a block to `place` (R, K, T): zeros where a row is not `good`, and after the last row."""
-    steps, at = len(good), 0
+    """Write the columns of one block, with zeros where a row is not good, and after its last sample.
+
+    place: (R, K, T) written: column by column, for R measured torques; T is at least the number of samples
+    parts: of the rows (samples, R, ...), side by side, together K numbers
+    good:  (samples, R) whether a row is used
+    """
+    steps, column = len(good), 0
     place[..., steps:] = 0.0
     for part in parts:
-        place[:, at : at + part.shape[-1], :steps] = part.transpose(1, 2, 0)
-        at += part.shape[-1]
+        place[:, column : column + part.shape[-1], :steps] = part.transpose(1, 2, 0)
+        column += part.shape[-1]
     if not good.all():
         np.copyto(place[..., :steps], 0.0, where=np.logical_not(good).T[:, None])
 
 
 def _zeros(shape: tuple[int, ...]) -> Array:
-    """Return zeros that take no memory, for noise and rows set aside where there are none."""
+    """Return an array of zeros that takes no memory (all strides are 0): noise, or rows set aside, of which there are
+    none."""
     return np.broadcast_to(np.zeros(()), shape)
 
 
 def _is_nothing(part: Array) -> bool:
+    """Return whether an array was made by `_zeros`."""
     return not any(part.strides)
 
 
 def _one_after_another(parts: Sequence[Array]) -> Array:
-    """Return arrays (B, ...) as one; arrays of `_zeros` remain so."""
+    """Return arrays (B1, ...), (B2, ...), ... as one (B1 + B2 + ..., ...): blocks of one part after those of another.
+
+    If all are made by `_zeros`, and take no memory, the result does not either."""
     if all(map(_is_nothing, parts)):
         return _zeros((sum(map(len, parts)), *parts[0].shape[1:]))
     return np.concatenate(parts)
@@ -182,6 +196,7 @@ def joined(parts: Iterable[Factors], most: int) -> Factors:
 
 
 def _together(parts: list[Factors]) -> Factors:
+    """Return the blocks of all parts, one part after the other."""
     return Factors(*map(_one_after_another, zip(*parts, strict=True)))
 
 
@@ -191,6 +206,9 @@ def _each(data: Factors, change: Callable[[Array], Array]) -> Factors:
 
 
 def _halved(data: Factors) -> Factors:
+    """Return the factors with neighbouring blocks merged in pairs; an odd last block remains.
+
+    Numbers of samples are added, marks are averaged with the samples as weights."""
     size = len(data.samples) // 2 * 2
     even = Factors(*(part[:size] for part in data))
     samples, others = (part.reshape(size // 2, 2, -1) for part in (even.samples, even.others))
@@ -201,6 +219,9 @@ def _halved(data: Factors) -> Factors:
 
 
 def _paired(triangle: Array) -> Array:
+    """Return the triangles (B/2, R, K, K) of neighbouring blocks together, from those of the blocks (B, R, K, K).
+
+    The triangle of two blocks is that of both triangles, one below the other."""
     if _is_nothing(triangle):
         return triangle[0::2]
     found, size = np.empty((len(triangle) // 2, *triangle.shape[1:])), triangle.shape[-1]

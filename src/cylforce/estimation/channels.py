@@ -64,6 +64,7 @@ class Channels:
 
     @cached_property
     def _where(self) -> dict[tuple[Kind, int], int]:
+        """Number of each signal, by its kind and the number of its joint or cylinder."""
         return {(s.kind, s.index): k for k, s in enumerate(self.machine.signals)}
 
     @cached_property
@@ -124,10 +125,17 @@ class Channels:
         return tuple(zip(pin, head, rod, strict=True))
 
     def _value(self, values: Signals, k: int | None, default: Array | float) -> Array | float:
+        """Return the value of signal k of all signals; `default` where it is None."""
         return default if k is None else values[k]
 
     def _angles(self, values: Signals, pitch: Array | float) -> list[Array | float]:
-        """Return joint angles [rad] from encoders, from inclinometers on the links, or from cylinder lengths."""
+        """Return the N joint angles [rad] from encoders, from inclinometers on the links, or from cylinder lengths.
+
+        An inclinometer measures the link's angle from the horizontal: the inclination of the link before is subtracted.
+
+        values: of all signals [SI]
+        pitch:  of the chassis [rad]
+        """
         theta: list[Array | float] = []
         inner = pitch  # inclination of the next link inwards
         for j, (encoder, inclined) in enumerate(self.turned):
@@ -156,6 +164,7 @@ class Channels:
         return channels[:-1] + array("d", [np.unwrap([before[-1], channels[-1]])[1]])
 
     def _force(self, values: Signals, c: int) -> Array | float:
+        """Return the force of cylinder c [N], positive when it pushes, from all signals; 0 where it is not measured."""
         pin, head, rod = self.pushed[c]
         if pin is not None:
             return values[pin]
@@ -188,7 +197,9 @@ class Channels:
         return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., self.forces]), good)
 
     def _attitude(self, middle: Array, rate: Array, slew: Array) -> Attitude:
-        """Return the base's attitude and, where it is measured, its motion.
+        """Return the base's attitude (pitch, roll [rad]) and motion, from channels and their rates, each (..., D).
+
+        Without an inertial sensor on the base only its slew rate [rad/s] is known.
 
         The specific force of the first pin is that of the sensor at r less (i alpha - omega^2) r. It excludes the part
         of slewing, for which `Slew` accounts."""

@@ -54,7 +54,9 @@ class Filter:
         return np.stack([-np.sum(self.b[:k]) * x for k in range(1, len(self.b))])
 
     def step(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """Return (new state, output) after one sample x.
+        """Return state (order, *shape) and output (*shape) after one sample x (*shape).
+
+        state: (order, *shape) before the sample
 
         The operations are in the order of `run`, so that both round alike."""
         y = state[0] + self.b[0] * x
@@ -71,7 +73,10 @@ class Filter:
         return [(np.reshape(self.b[1:], shape), np.reshape(self.a[1:], shape)) for shape in shapes]
 
     def run(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """Return (state after it, output (T, *shape)) for a recording x (T, *shape)."""
+        """Return state after a recording x (T, *shape), and the output (T, *shape).
+
+        state: (order, *shape) before the recording
+        """
         from scipy.signal import lfilter
 
         y, end = lfilter(self.b, self.a, x, axis=0, zi=state)

@@ -155,11 +155,12 @@ class Model:
 
     @cached_property
     def _slews(self) -> bool:
+        """Whether a sensor measures the slewing of the house."""
         return any(s.kind in (Kind.SLEW_RATE, Kind.SLEW_ANGLE) for s in self.machine.signals)
 
     @cached_property
     def filtered(self) -> FilteredRegressor:
-        """Filtered regressor with all columns."""
+        """Filtered regressor with all K columns: of the P parameters, tool, friction at rest, pressure zeros."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
@@ -238,7 +239,10 @@ class Model:
 
     @cached_property
     def load(self) -> Array:
-        """Parameters (P, 4) per unit of a load's (m, m x, m z, J about its pin), see mechanics/README.md, section 9."""
+        """Change (P, 4) of the parameters per unit of a load (m, m x, m z, J about the last pin).
+
+        A load at the last pin adds m l^2 to J and m l to X of each link before the last one, of length l, and its own
+        moments to X, Z and J of the last link (mechanics/README.md, section 9)."""
         place = {p.name: k for k, p in enumerate(self.parameters)}
         table = np.zeros((len(place), 4))
         for link in self.machine.links[:-1]:
@@ -277,10 +281,10 @@ class Model:
         return self._as_usual(with_bars(self.machine, tuple(place), Prior(mean, covariance)))
 
     def _as_usual(self, prior: Prior) -> Prior:
-        """Return the prior with the usual values of the type in place of the data sheet's.
+        """Return the prior of the P parameters with the usual values of the type in place of the data sheet's.
 
-        A model without columns for the bars of linkages has the bars within its links. The type's values of links
-        exclude the bars, so that they are skipped then."""
+        They are independent of all others. A model without columns for the bars of linkages has the bars within its
+        links. The type's values of links exclude the bars, so that they are skipped then."""
         place = {p.name: k for k, p in enumerate(self.parameters)}
         mean, covariance = prior.mean.copy(), prior.covariance.copy()
         first = 0 if BARS in self.friction or not of_bars(self.machine) else 3 * self.machine.size
@@ -296,9 +300,9 @@ class Model:
         guesses = []
         if self._slews:
             for link in self.machine.links:
-                told = slewing(link, tool=link is self.machine.links[-1])
-                guesses.append((f"{link.name}.D_excess", told.excess, told.excess_error))
-                guesses.append((f"{link.name}.E", told.product, told.product_error))
+                terms = slewing(link, tool=link is self.machine.links[-1])
+                guesses.append((f"{link.name}.D_excess", terms.excess, terms.excess_error))
+                guesses.append((f"{link.name}.E", terms.product, terms.product_error))
         for law in self.friction:
             if law == BARS:
                 continue

@@ -81,7 +81,15 @@ def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) 
 
 
 def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
-    """Return the noise of the rows (T, R, P+4): their change by artificial noise as strong as the sensors'."""
+    """Return the noise of the rows (T, R, P+4): their change by artificial noise as strong as the sensors'.
+
+    The last axis is the P columns of the empty machine, three columns of the tool, and the torque [N m]. Rows that the
+    noise makes unusable have zeros.
+
+    rows:   of the samples without noise
+    values: (T + 1, S) the samples [SI]
+    first:  step of the recording from which the noise sequence is counted
+    """
     moved = model.channels.run(values + noise_like(values, first))
     noisy = model.filtered.run(moved.motion)
     columns = (noisy.columns - rows.columns)[..., : model.tool.stop]
@@ -116,19 +124,28 @@ def noise_like(values: Array, first: int) -> Array:
 
 @cache
 def _signs() -> Array:
+    """Return one period of the maximal-length sequence, as 1 and -1."""
     from scipy import signal  # here, because programs that only read results do without scipy
 
     return np.asarray(2.0 * signal.max_len_seq(SEQUENCE)[0] - 1.0)
 
 
 def _stays(bad: Array, steps: int) -> Array:
-    """Return `bad` (T,) with the `steps` samples after each bad one marked as well: the filters still contain it."""
+    """Return which samples (T,) are spoilt: the bad ones (T,), and the `steps` samples after each of them.
+
+    The filters still contain the bad sample then."""
     since = np.convolve(bad.astype(np.float64), np.ones(steps + 1))[: bad.size]
     return np.asarray(since > 0.5)
 
 
 def block_factors(model: Model, seen: Observed) -> Factors:
-    """Return the factors of a stretch in blocks of BLOCK_SECONDS; columns and marks as in `observed_factors`."""
+    """Return the triangular factors of a stretch in blocks of BLOCK_SECONDS.
+
+    The columns are those of the P parameters, three of the tool and C of the pressures' zero errors, whose noise is
+    neglected. The marks are in the order of `observed_factors`.
+
+    seen: filtered rows of the stretch
+    """
     columns = np.concatenate([seen.columns, seen.tool, seen.zero], axis=-1)
     noise = np.concatenate([seen.noise[..., :-1], np.zeros_like(seen.zero), seen.noise[..., -1:]], axis=-1)
     rows = blocks.BlockRows(columns, seen.torque, noise, seen.certain, _marks(seen))
@@ -140,6 +157,7 @@ class TooShortError(ValueError):
 
 
 def _marks(seen: Observed) -> Array:
+    """Return the marks (T, N + 3 C + 2 R) of each sample, in the order of `observed_factors`."""
     ways = (seen.speed > MOVING, seen.speed < -MOVING)
     fitted = seen.certain & np.isfinite(seen.torque) & np.all(np.isfinite(seen.columns), axis=-1)
     torque = (np.where(fitted, seen.torque, 0.0), fitted)

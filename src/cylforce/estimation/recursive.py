@@ -30,7 +30,7 @@ def nothing_known(size: int) -> Root:
 
 
 def known(mean: Array, standard_error: Array) -> Root:
-    """Return the state with independent priors.
+    """Return the information of independent priors of P parameters: R = diag(1/standard error), z = R mean.
 
     mean:           (P,) prior means
     standard_error: (P,) prior standard errors
@@ -39,7 +39,9 @@ def known(mean: Array, standard_error: Array) -> Root:
 
 
 def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root:
-    """Return the state after further rows observed = columns @ values. A row of infinite variance has no effect.
+    """Return the state after further rows observed = columns @ values, by the QR decomposition of old and new rows.
+
+    A row of infinite variance has no effect. Without rows the factor becomes a triangle again.
 
     columns:  (R, P) of the rows
     observed: (R,) observed values
@@ -62,7 +64,10 @@ def _upper(size: int) -> Array:
 
 
 def forget(root: Root, columns: Array, keep: float) -> Root:
-    """Return the state without the share 1 - `keep` of its information in the directions of `columns` (R, P).
+    """Return the state without a share 1 - keep of its information in the directions of some rows.
+
+    columns: (rows, P) coefficients of these rows
+    keep:    share of the information that remains, 0 to 1
 
     Nothing is forgotten in directions that these rows do not measure, hence nothing while the machine is parked
     (SIFt-RLS, arXiv 2404.10844). With Q an orthonormal basis of R columns', R <- (I - (1 - sqrt(keep)) Q Q') R leaves

@@ -35,6 +35,7 @@ class Regressor:
 
     @cached_property
     def _places(self) -> tuple[Array | slice, ...]:
+        """For each effect the numbers of its columns among all P."""
         places = {p: k for k, p in enumerate(self.parameters)}
         return tuple(_compact([places[p] for p in e.parameters(self.machine)]) for e in self.effects)
 
@@ -46,11 +47,14 @@ class Regressor:
 
     @cached_property
     def _rows(self) -> tuple[int, ...] | slice:
+        """Joints whose torque is measured, as an index of the joints' axis."""
         rows = self.machine.rows
         return slice(None) if rows == tuple(range(self.machine.size)) else rows
 
     def both_halves(self, moving: Motion) -> tuple[Array, Array]:
-        """Return momentum and static columns, each (..., R, P)."""
+        """Return momentum and static columns, each (..., R, P): torque = d/dt (momentum @ p) + static @ p.
+
+        Columns of a parameter that several effects share are added."""
         shape = (*moving.q.shape[:-1], self.machine.size, len(self.parameters))
         momentum, static = np.zeros(shape), np.zeros(shape)
         for effect, places, shared in zip(self.effects, self._places, self._shared, strict=True):
@@ -90,7 +94,9 @@ def _times(columns: Array, values: Array) -> Array:
 
 
 def _compact(places: list[int]) -> Array | slice:
-    """Return consecutive indices as a slice, others as an array: indexing with a slice is much faster."""
+    """Return ascending consecutive indices as a slice, any others as an array.
+
+    Indexing with a slice is much faster."""
     if places == list(range(places[0], places[0] + len(places))):
         return slice(places[0], places[0] + len(places))
     return np.array(places)
@@ -149,10 +155,10 @@ class FilteredRegressor:
         return momentum, np.concatenate([static, torque[..., None]], axis=-1)
 
     def _begun(self, static: Array) -> Array:
-        """Return the state of the filter `mean` before the first sample, as if the input had been zero until then.
+        """Return the state (3, ...) of the filter `mean` before the first sample `static` (...).
 
-        The first groups of four samples contain only a part of a step since then: 0, 1/3 and 2/3 of it for the first
-        three outputs."""
+        It is as if the input had been zero until then. The first groups of four samples contain only a part of a step
+        since then: 0, 1/3 and 2/3 of it for the first three outputs."""
         return np.stack([share * static for share in self.shares])
 
     @cached_property
@@ -162,7 +168,10 @@ class FilteredRegressor:
         return tuple(step * sum(b) / 3.0 - sum(b[: step + 1]) for step in range(3))
 
     def run(self, moving: Motion) -> Rows:
-        """Return the rows of a recording, whose leading axis is time."""
+        """Return the filtered rows of a recording: columns (T, R, P) and torque (T, R) [N m].
+
+        moving: motion of the machine, whose leading axis is time, T steps
+        """
         momentum, static = self.inputs(moving)
         rows = self.mean.run(self._begun(static[0]), static)[1]
         # Most effects have no momentum. Their columns are zero and stay so: to filter them takes a third of the time.

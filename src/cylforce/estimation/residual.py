@@ -13,7 +13,7 @@ from cylforce.signals.estimate import Array
 
 MIN_SECONDS = 1.0  # s of consistent samples before a weight is shown; chosen
 GOOD_ENOUGH = 0.01  # times the rated payload: largest standard error to be shown as OK and to be booked; chosen
-SMALLEST = 0.05  # times the rated payload: below it the bucket counts as empty; chosen
+EMPTY_BELOW = 0.05  # times the rated payload: a bucket with a smaller mass counts as empty; chosen
 RELATIVE = 0.01  # times the residual: model error that grows with the load (friction, elasticity); chosen
 # s: a rest of this length counts as one sample, because friction at rest does not average out; longer rest is not used;
 # chosen.
@@ -38,6 +38,8 @@ class Residual(NamedTuple):
 def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     """Return the residual r = scale (torque - W Phi - drift) of one instant, with its variances.
 
+    tares: Phi (P,), of the model's parameters
+    rows:  of the instant: columns (R, K), which begin with W (R, P), and torques (R,) [N m]
     drift: (R,) torque of the adapted friction and zeros [N m]
     """
     size = len(model.parameters)
@@ -50,8 +52,11 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
 def _at_rest(model: Model, tares: Tares, rows: Rows) -> Array:
     """Return the standard error (..., R) [N m] of the torque by friction at rest.
 
-    For the share of each cylinder's lever whose direction is unknown it is f_c plus the part of friction that grows
-    with the force. That force times the lever is the row's torque."""
+    The share of each cylinder's lever with friction of unknown direction has an error of its Coulomb friction plus the
+    part of friction that grows with the force. That force times the lever is the row's torque.
+
+    rows: columns (..., R, K) and torques (..., R) [N m]
+    """
     unknown = rows.columns[..., model.at_rest]
     share = unknown / np.maximum(np.abs(rows.columns[..., model.coulomb]) + np.abs(unknown), 1e-300)
     more = np.abs(rows.torque) * (share @ by_load(model, tares.values))
@@ -59,8 +64,10 @@ def _at_rest(model: Model, tares: Tares, rows: Rows) -> Array:
 
 
 def by_load(model: Model, values: Array) -> Array:
-    """Return the share (C,) of a cylinder's force by which its dry friction increases, from the parameters `values`
-    (P,)."""
+    """Return the share (C,) of each cylinder's force by which its dry friction increases; 0 without such a law.
+
+    values: (P,) parameters of the empty machine
+    """
     names = {p.name: k for k, p in enumerate(model.parameters)}
     places = [names.get(f"{c.name}.load_dependent") for c in model.machine.cylinders]
     return np.array([0.0 if k is None else max(float(values[k]), 0.0) for k in places])
@@ -79,6 +86,9 @@ def correlated(filters: Filters, seconds: float = 0.0) -> float:
 
 
 def load_spread(machine: Machine) -> Array:
-    """Return the prior standard errors (4,) of a load's (m, m x, m z, J)."""
+    """Return the prior standard errors (4,) of a load's mass, first moments and inertia about the last pin.
+
+    They are two rated payloads [kg], one rated payload at its reach [kg m, kg m], and the same at its square [kg m^2].
+    """
     moment = machine.rated_payload * machine.payload_reach
     return np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])

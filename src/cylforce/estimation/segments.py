@@ -16,7 +16,10 @@ def gapless(values: Array, longest: int) -> list[Array]:
 
 
 def stretches(values: Array, longest: int) -> list[tuple[int, Array]]:
-    """Return the stretches of `gapless`, each with the number of its first row."""
+    """Return the stretches without NaN of samples (T, S), each with the number of its first row.
+
+    longest: rows of a gap up to which it is filled by linear interpolation
+    """
     good = np.flatnonzero(np.all(np.isfinite(values), axis=1))
     if good.size == 0:
         return []
@@ -64,6 +67,9 @@ def parts(pieces: Iterable[Array], longest: int, size: int, least: int) -> Itera
 
 
 def _cut(part: Part, size: int, least: int) -> Iterator[Part]:
+    """Yield a part in pieces of `size` rows; the last piece has less than `size + least` rows.
+
+    Each piece but the first one goes on from the piece before."""
     while len(part.values) >= size + least:
         yield Part(part.first, part.values[:size], part.goes_on)
         part = Part(part.first + size, part.values[size:], goes_on=True)
@@ -71,6 +77,11 @@ def _cut(part: Part, size: int, least: int) -> Iterator[Part]:
 
 
 def _bridged(values: Array, good: NDArray[np.intp]) -> Array:
+    """Return the samples from the first to the last good row, with the rows between interpolated linearly.
+
+    values: (T, S) samples
+    good:   numbers of the rows without NaN, in ascending order
+    """
     steps = np.arange(good[0], good[-1] + 1)
     if steps.size == good.size:
         return values[steps]

@@ -23,9 +23,12 @@ from cylforce.signals.estimate import Array
 class Sensitivity:
     """A recording and the model that explains it, at a reduced rate.
 
+    Sizes: T samples of S signals, T' samples at the reduced rate, D channels (joint angles, cylinder forces, motion of
+    the base), R measured torques, P parameters.
+
     model:  the model
     tares:  (P,) its parameters
-    values: (T, S) samples of the recording
+    values: (T, S) samples of the recording [SI]
     low:    low-pass before the reduction of the rate
     thin:   every `thin`-th sample is used
     """
@@ -41,7 +44,7 @@ class Sensitivity:
         if more is less:
             return self._nothing
         machine = self.model.machine
-        return self._difference(*((machine, self._motion(self._course(each))) for each in (more, less)))
+        return self._difference(*((machine, self._motion(self._channels(each))) for each in (more, less)))
 
     def of_machines(self, more: Machine, less: Machine) -> Array:
         """Return the residual with the machine `more` minus that with the machine `less`, as (T', R) [N m]."""
@@ -51,6 +54,7 @@ class Sensitivity:
 
     @property
     def _nothing(self) -> Array:
+        """No change of the residual, zeros (T', R) [N m]."""
         return np.zeros((len(self.thinned) - 1, len(self.model.machine.rows)))
 
     @cached_property
@@ -59,16 +63,20 @@ class Sensitivity:
         return self._thinned(self.values)
 
     def _thinned(self, values: Array) -> Array:
+        """Return samples (T', ...) at the reduced rate, from samples (T, ...) after the low-pass."""
         return np.asarray(self.low.run(self.low.steady(values[0]), values)[1][:: self.thin])
 
-    def _course(self, values: Array) -> Array:
-        """Return the channels (T', D) of samples (T, S)."""
-        other, found = _changed(values, self.values), self.thinned.copy()
-        found[:, other] = self._thinned(values[:, other])
-        return self.model.channels.course(found)
+    def _channels(self, values: Array) -> Array:
+        """Return the channels (T', D) of changed samples (T, S), at the reduced rate.
+
+        Only the signals that differ from the recording's are filtered and thinned; the others are copied."""
+        differs, thinned = _changed(values, self.values), self.thinned.copy()
+        thinned[:, differs] = self._thinned(values[:, differs])
+        return self.model.channels.course(thinned)
 
     @cached_property
     def _plain(self) -> Array:
+        """Channels (T', D) of the recording itself."""
         return self.model.channels.course(self.thinned)
 
     @cached_property
@@ -77,6 +85,7 @@ class Sensitivity:
         return self._between(self._plain)
 
     def _between(self, channels: Array) -> tuple[Array, Array]:
+        """Return mean and rate [1/s] of the smoothed channels (T', ...) over four samples, each (T' - 1, ...)."""
         four = fours(self.model.channels.smoothed(channels))
         return mean(four), slope(four, self.model.channels.dt)
 
@@ -90,29 +99,41 @@ class Sensitivity:
         return self.model.channels.moved(*self._means, self._geometry).motion
 
     def _motion(self, channels: Array) -> Motion:
-        """Return the motion of channels, of which some differ from the recording's."""
-        other, forces = _changed(channels, self._plain), self.model.channels.forces
+        """Return the motion of channels (T', D), of which some differ from the recording's.
+
+        Where only forces differ, the motion is the recording's with these forces; where no joint angle differs, the
+        geometry is the recording's."""
+        differs, forces = _changed(channels, self._plain), self.model.channels.forces
         middle, rate = (each.copy() for each in self._means)
-        middle[:, other], rate[:, other] = self._between(channels[:, other])
-        if not np.any(np.delete(other, forces)):
+        middle[:, differs], rate[:, differs] = self._between(channels[:, differs])
+        if not np.any(np.delete(differs, forces)):
             return self.motion._replace(force=middle[:, forces], force_rate=rate[:, forces])
-        known = None if np.any(other[: forces.start]) else self._geometry
+        known = None if np.any(differs[: forces.start]) else self._geometry
         return self.model.channels.moved(middle, rate, known).motion
 
     def _altered(self, machine: Machine) -> Motion:
+        """Return the motion of the recording's samples on another machine."""
         channels = Channels(machine, self.model.filters)
         course = channels.course(self.thinned)
         means = self._means if np.array_equal(course, self._plain) else self._between(course)
         return channels.moved(*means).motion
 
     def _difference(self, more: tuple[Machine, Motion], less: tuple[Machine, Motion]) -> Array:
+        """Return the residual (T', R) [N m] of one machine and motion less that of another one.
+
+        Effects that are the same in both are omitted."""
         same = _linked(more[0]) == _linked(less[0])
         alike = [e for e in self.model.empty.effects if same and _alike(e, more[1], less[1])]
         one, two = (self._unfiltered(*each, alike) for each in (more, less))
         return self._filter.filtered(*(a - b for a, b in zip(one, two, strict=True)))
 
     def _unfiltered(self, machine: Machine, moving: Motion, alike: list[Effect]) -> tuple[Array, Array]:
-        """Return the residual of momentum and of static torque, each (T', R), without the effects in `alike`."""
+        """Return the residual of momentum [N m s] and of static torque [N m], each (T', R), before the filters.
+
+        machine: whose geometry and effects are used
+        moving:  its motion
+        alike:   effects that are omitted
+        """
         empty = self.model.empty
         whole = empty if machine is empty.machine else Regressor(machine, empty.effects)
         momentum, static = whole.products(moving, self.tares, alike)
@@ -120,6 +141,7 @@ class Sensitivity:
 
     @cached_property
     def _filter(self) -> FilteredRegressor:
+        """Filters of momentum and static torque."""
         f = self.model.filters
         return FilteredRegressor(self.model.empty, 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
@@ -136,4 +158,5 @@ def _changed(values: Array, plain: Array) -> NDArray[np.bool_]:
 
 
 def _alike(effect: Effect, one: Motion, other: Motion) -> bool:
+    """Return whether the parts of the motion on which an effect depends are the same in two motions."""
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in depends_on(effect))

@@ -17,11 +17,10 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.unwrapping import Unwrapping
 from cylforce.signals.codec import encode
 from cylforce.signals.events import Event, Frame
+from cylforce.signals.identifiers import EMCY, HEARTBEAT, SDO_REQUEST, SDO_RESPONSE, SYNC
 from cylforce.signals.kinds import ANGLES
 from cylforce.signals.layout import Pdo
 from cylforce.signals.turns import Follower
-
-SYNC, EMCY, SDO_RESPONSE, SDO_REQUEST, HEARTBEAT = 0x080, 0x080, 0x580, 0x600, 0x700  # CiA 301
 
 
 class Events(NamedTuple):

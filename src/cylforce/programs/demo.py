@@ -31,7 +31,7 @@ from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.shown import show
 from cylforce.programs.live.sim_bus import play_until
 from cylforce.programs.live.station import Counts, serve
-from cylforce.programs.run import Daemon, show_status, why_missed
+from cylforce.programs.run import Daemon, show_status, words_of
 from cylforce.service.booking import Missed
 from cylforce.service.memory import NOTHING_KEPT
 from cylforce.settings.machine_file import Loaded
@@ -40,7 +40,7 @@ from cylforce.signals.estimate import Booking, Estimate
 MOVES_S = 120.0
 LIFT_S = 40.0
 KNOWN = 2.0 / 3.0  # times the rated payload: the known weight that is lifted; chosen
-NOT_SEEN_EMPTY_YET = "the run ended before the bucket was seen empty clearly enough"
+NOT_WEIGHED_EMPTY = "the run ended before the empty bucket was weighed accurately enough"
 MASS_ERROR = 0.1  # of the true masses, as a fraction; the default of `cylforce sim`
 RELAY = "remote:127.0.0.1"
 
@@ -162,7 +162,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
         missed = daemon.weighing.bookings.missed
         if missed.number > len(watched.missed):
             watched.missed.append(missed)
-            console.print(f"   not booked {missed.mass:7.1f} kg: {why_missed(missed)}")
+            console.print(f"   not booked {missed.mass:7.1f} kg: {words_of(missed)}")
 
     daemon.on_estimate = watch
     until = asyncio.Event()
@@ -177,7 +177,7 @@ async def _work(loaded: Loaded, files: Files, bus: str, cycles: int, seed: int, 
         raise KeyboardInterrupt
     waiting = daemon.weighing.bookings.candidate
     if waiting is not None:
-        console.print(f"   not booked {waiting.mass:7.1f} kg: {NOT_SEEN_EMPTY_YET}")
+        console.print(f"   not booked {waiting.mass:7.1f} kg: {NOT_WEIGHED_EMPTY}")
     return watched._replace(counts=daemon.counts)
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
-from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.files.atomic import replacing, warn
 from cylforce.files.candump import Sent
 from cylforce.files.logfile import Header
@@ -20,7 +20,8 @@ from cylforce.files.recording import Events, open_pieces, sensor_frames
 from cylforce.programs.common.readings import beginning, header_of, make_core
 from cylforce.records.export import iso
 from cylforce.service.core import Core
-from cylforce.service.publication import FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY, published
+from cylforce.service.publication import published
+from cylforce.service.published_values import FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Booking, Estimate, Quantity, Reason, Status
@@ -211,7 +212,7 @@ class Totals:
             self._reasons[weight.reason] += 1
             return
         self._known = min(self._known, error)
-        if error < self._load and weight.value >= max(SMALLEST * self._rated, 3.0 * error):
+        if error < self._load and weight.value >= max(EMPTY_BELOW * self._rated, 3.0 * error):
             self._load = error
 
     def unbooked(self) -> str:
@@ -226,7 +227,7 @@ class Totals:
             cure = "move all joints, lift a known weight (identify --lift)"
             return f"UNCERTAIN, +- {best:.0f} kg of at most {enough:.0f} kg: {cure}"
         if self._load == inf:
-            return f"no load above {SMALLEST * self._rated:.0f} kg was lifted"
+            return f"no load above {EMPTY_BELOW * self._rated:.0f} kg was lifted"
         return "a load was weighed, but afterwards the empty tool was not seen in the air: lift it clear of the ground"
 
 

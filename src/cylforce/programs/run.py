@@ -24,13 +24,13 @@ from cylforce.mechanics.installation import Service
 from cylforce.programs.common.addresses import read_code
 from cylforce.programs.common.readings import continued, header_of, make_core
 from cylforce.programs.live.books import Ledger, kept_by, open_recorder, sealed_as, show_identity
-from cylforce.programs.live.doubts import Doubts
 from cylforce.programs.live.messages import configure_messages
 from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.reloading import Parameters, Reloading
+from cylforce.programs.live.sensor_messages import SensorMessages
 from cylforce.programs.live.station import Counts, Station, serve
 from cylforce.records.recorder import Recorder
-from cylforce.service.booking import Missed
+from cylforce.service.booking import Missed, MissedReason
 from cylforce.service.core import Core
 from cylforce.service.memory import Memory
 from cylforce.service.publication import frames
@@ -43,9 +43,12 @@ from cylforce.signals.layout import not_available
 MISSING = 0x8250  # a sensor's PDOs stopped
 
 OnEstimate = Callable[[Estimate], None]
-NOT_MEASURED = "the measurement was interrupted before the bucket was seen empty"
 OTHER_TOOL = "the empty tool is off zero: other bucket? dirt? clean it, or choose the attachment"
-NOT_SEEN_EMPTY = "the bucket was not seen empty clearly enough before the next load"
+WHY_MISSED = {
+    MissedReason.INTERRUPTED: "the measurement was interrupted before the empty bucket was weighed",
+    MissedReason.EMPTY_INACCURATE: "the empty bucket was not weighed accurately enough before the next load",
+    MissedReason.DUMP_NOT_WEIGHED: "the bucket turned as for a dump and back, and was not weighed while it was empty",
+}
 
 
 class LastLogged(NamedTuple):
@@ -89,7 +92,7 @@ class Daemon(Station):
         self._show_identity = partial(show_identity, self.node, loaded, identified)
         self._show_identity()
         self.reloading, self._sealed = Reloading(loaded, identified, self._take), sealed_as(identified)
-        self._doubts = Doubts(core.service.machine, self.node.emergencies, self._tell)
+        self._sensor_messages = SensorMessages(core.service.machine, self.node.emergencies, self._tell)
         self._logged = LastLogged(Reason.STARTING, Status.INVALID, kept.booking.number if kept.booking else 0)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -155,7 +158,7 @@ class Daemon(Station):
         if self._j1939 is not None and self.counts.steps % self._second == 0:
             self._j1939.publish_totals(self.weighing.estimate.t_us, self.weighing.truck.total, self._books.lifetime)
         self._books.look(self.weighing)
-        self._doubts.look(self.weighing.monitor.suspicion)
+        self._sensor_messages.report(self.weighing.monitor.suspicion)
         self._say_changes(self.weighing.estimate)
         self.on_estimate(self.weighing.estimate)
 
@@ -186,7 +189,7 @@ class Daemon(Station):
         reason = estimate.gross.reason if lost else Reason.NONE
         booked = estimate.booking.number if estimate.booking else 0
         missed = self.weighing.bookings.missed.number
-        off = self.weighing.tool_check.off
+        off = self.weighing.tool_check.empty_weight
         now = LastLogged(reason, Status.INVALID if lost else Status.OK, booked, missed, off is not None)
         if now[:2] != self._logged[:2]:
             self._say_measurement(reason)
@@ -221,12 +224,12 @@ class Daemon(Station):
         self._tell.info("booked", number=booking.number, **kg, **drift)
 
     def _say_missed(self, missed: Missed) -> None:
-        self._tell.warning("not booked", mass_kg=round(missed.mass, 1), why=why_missed(missed))
+        self._tell.warning("not booked", mass_kg=round(missed.mass, 1), why=words_of(missed))
 
 
-def why_missed(missed: Missed) -> str:
-    """Return why a load is not booked, in words."""
-    return NOT_MEASURED if missed.interrupted else NOT_SEEN_EMPTY
+def words_of(missed: Missed) -> str:
+    """Return why the last load that was missed is not booked; empty if none was missed."""
+    return "" if missed.reason is None else WHY_MISSED[missed.reason]
 
 
 def _j1939_of(service: Service, bus: Bus) -> J1939 | None:

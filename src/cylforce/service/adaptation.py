@@ -93,6 +93,12 @@ class DriftConstants(Constants):
     def __init__(
         self, model: Model, tares: Tares, strokes: BetweenStrokes | None = None, kernel: Kernel | None = None
     ) -> None:
+        """Compute the priors of drift and carry-back.
+
+        strokes: spread of friction and zeros between strokes, if they may have drifted by that only; None: they may
+                 have drifted as from day to day
+        kernel:  form of the kernel; None: the compiled one if there is one
+        """
         self.model, self.tares, self.strokes, self.kernel = model, tares, strokes, kernel or choice.chosen()
         if strokes is None:
             self.spread, self.correlation = daily_spread(model, tares.values), daily_correlation(model)
@@ -151,7 +157,7 @@ class DriftFilter(Estimator):
     waited:     number of steps since the last update
     mass:       weight that the empty bucket would show without the adaptation [kg]
     following:  whether the last instant was usable; else nothing changes
-    seen:       whether the root contains information about the present carry-back
+    informed:   whether the root contains information about the present carry-back
     updates:    number of updates
     returned:   whether the updates count as one measurement or more, or only a drift between strokes is expected
     """
@@ -164,13 +170,16 @@ class DriftFilter(Estimator):
     waited: int
     mass: float
     following: bool
-    seen: bool
+    informed: bool
     updates: int
     returned: bool
 
     @classmethod
     def start(cls, constants: DriftConstants) -> Self:
-        """Return the state without drift, with its prior standard errors."""
+        """Return the state without drift, with its prior standard errors.
+
+        The information (5 + D unknowns) begins with the prior of the deviation of the load from the usual one (4); the
+        priors of usual amount and drift are added by the kernel, so that they do not fade."""
         drift = np.zeros_like(constants.spread)
         information = np.diag(np.concatenate([1.0 / constants.deviation, [0.0], drift]))
         return cls(
@@ -182,7 +191,7 @@ class DriftFilter(Estimator):
             waited=0,
             mass=0.0,
             following=False,
-            seen=False,
+            informed=False,
             updates=0,
             returned=bool(constants.strokes),
         )
@@ -193,12 +202,12 @@ class DriftFilter(Estimator):
         The triangle of the root lists the deviation first, so that its lower part is the information about the usual
         amount and the drift when the deviation is unknown."""
         self.following = False
-        if not self.seen:
+        if not self.informed:
             return
         factor, right = np.zeros_like(self.root.factor), np.zeros_like(self.root.right)
         factor[LOAD:, LOAD:], right[LOAD:] = self.root.factor[LOAD:, LOAD:], self.root.right[LOAD:]
         factor[:LOAD, :LOAD] = np.diag(1.0 / self.constants.deviation)
-        self.root, self.seen = Root(factor, right), False
+        self.root, self.informed = Root(factor, right), False
 
     def update(self, residual: InstantResidual, usable: Numbers) -> None:
         """Update the drift with one instant with an empty bucket in the air.
@@ -228,6 +237,6 @@ class DriftFilter(Estimator):
         self.values = part(after, place.values)
         self.covariance = part(after, place.covariance).reshape(d, d)
         self.scale, self.mass = part(after, place.scale), after[place.mass]
-        self.seen = True
+        self.informed = True
         self.updates += 1
         self.returned = self.returned or self.updates >= c.memory

@@ -84,6 +84,7 @@ class AssemblerConstants(Constants):
     """
 
     def __init__(self, service: Service) -> None:
+        """Compile the PDOs of all sensor nodes of a machine file's `service` settings."""
         machine, self.service = service.machine, service
         self.kernel = choice.chosen()
         self.supervisor = Supervisor(service)
@@ -112,6 +113,7 @@ class AssemblerConstants(Constants):
         return FrameOrder(sorts, [pdo.size for pdo in found], Struct("<" + "".join(formats)))
 
     def _plan(self) -> KernelInputs:
+        """Return the kernel's constants of all signals and PDOs: places, scales, ranges and limits of plausibility."""
         machine, health, watcher = self.service.machine, self.service.health, self.supervisor
         found = [self.decoders[pdo.can_id] for _, pdo in watcher.pdos]
         slots = [slot for decoder in found for slot in decoder.slots]
@@ -155,7 +157,10 @@ class Assembler(Estimator):
 
     @classmethod
     def start(cls, constants: AssemblerConstants) -> Self:
-        """Return the state before any frame."""
+        """Return the state before any frame.
+
+        The signals have no value (reason SIGNAL_MISSING), the PDOs and heartbeats have never been received, and neither
+        a frame that is too long nor another sender of our identifiers has been seen."""
         layout = constants.layout
         made = cls(constants, ZERO * layout.size)
         for number in range(layout.signals):
@@ -234,7 +239,7 @@ class Assembler(Estimator):
             if node.node_id == node_id:
                 self._put(layout.pdo(number), PdoRate())
         for k in {s.signal for d in constants.decoders.values() if d.node_id == node_id for s in d.slots}:
-            self._put(layout.signal(k), Channel.without_value(Reason.NOT_OPERATIONAL, self.channels[k].leapt))
+            self._put(layout.signal(k), Channel.without_value(Reason.NOT_OPERATIONAL, self.channels[k].stepped))
 
     def _put(self, place: slice, what: Channel | PdoRate | LastHeartbeat) -> None:
         self.state[place] = numbers(astuple(what))
@@ -249,14 +254,14 @@ class Assembler(Estimator):
         reasons = tuple([REASONS[x] for x in found[place.reasons]]) if bad else constants.fine
         values = found[place.values]
         constants.unwrapping.apply(values)
-        return Sample(t_us, values, reasons, REASONS[found[place.late]], self.leapt if found[place.leapt] else ())
+        return Sample(t_us, values, reasons, REASONS[found[place.late]], self.stepped if found[place.stepped] else ())
 
     @property
-    def leapt(self) -> tuple[int, ...]:
+    def stepped(self) -> tuple[int, ...]:
         """Numbers of the signals that have stepped: their values before or after the step are wrong."""
         found = self.constants.still[:]
-        self.constants.kernel.leapt(self.constants.plan, self.state, found)
-        return tuple(k for k, leapt in enumerate(found) if leapt)
+        self.constants.kernel.stepped(self.constants.plan, self.state, found)
+        return tuple(k for k, stepped in enumerate(found) if stepped)
 
     @property
     def arrivals_us(self) -> Numbers:

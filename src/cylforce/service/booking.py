@@ -4,13 +4,14 @@ A lift and its return have nearly the same errors of tares, friction and zeros. 
 these errors are kept, so that the difference of both weights is more accurate than either."""
 
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 from math import sqrt
 from typing import Self
 
 import numpy as np
 
 from cylforce.estimation.model import Tares
-from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.service.adaptation import DriftKnowledge
 from cylforce.service.loading.lift import Lift
 from cylforce.service.snapshot import Constants, Estimator
@@ -19,7 +20,7 @@ from cylforce.signals.units import DEGREE
 
 DUMPING = 0.7  # share of a grab's load below which it is being dumped; chosen: spills are smaller, dumps larger
 REPOSE = 35.0 * DEGREE  # by which a bucket tilts to empty: angle of repose of loose soil and gravel, 30 to 40 deg
-GONE = -1  # in place of the samples in motion: an empty bucket was detected since, but not accurately enough
+EMPTY_DETECTED = -1  # in place of the samples in motion: an empty bucket was detected since, but not accurately enough
 AGREES = 3.0  # standard errors within which two weights of one lift are the same; chosen
 REFILL_S = 3.0  # s without a measurement in which a bucket may have been emptied and filled again; chosen
 # s for which a lift must continue after a weight that is booked: the time that ends a lift (weighing.PATIENCE_S)
@@ -100,22 +101,34 @@ class ProbableErrors:
         return np.asarray(sqrt(self.off) * self.certain)
 
 
+class MissedReason(Enum):
+    """Reason why a load that was lifted will not be booked.
+
+    INTERRUPTED:      the measurement was interrupted, and the bucket may have been emptied and filled meanwhile
+    EMPTY_INACCURATE: before the next load the empty bucket was not weighed accurately enough, or a sensor was suspected
+    DUMP_NOT_WEIGHED: the bucket turned as for a dump and back, and was not weighed while it was empty
+    """
+
+    INTERRUPTED = auto()
+    EMPTY_INACCURATE = auto()
+    DUMP_NOT_WEIGHED = auto()
+
+
 @dataclass(frozen=True, slots=True)
 class Missed:
     """Loads that were lifted and will not be booked.
 
-    number:      of these loads so far
-    mass:        of the last one [kg]
-    interrupted: whether the cause was an interruption; else the weight of the empty bucket was not accurate enough
-                 before the next load
+    number: of these loads so far
+    mass:   of the last one [kg]
+    reason: why the last one is not booked; None: there is none
     """
 
     number: int
     mass: float
-    interrupted: bool
+    reason: MissedReason | None
 
 
-NONE_MISSED = Missed(0, 0.0, interrupted=False)
+NONE_MISSED = Missed(number=0, mass=0.0, reason=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,18 +197,18 @@ class BookingConstants(Constants):
         return sqrt(self.variances(weight, drift, self.reported, sizes).total)
 
 
-def difference(lifted: Weighed, left: Weighed) -> Weighed:
+def difference(lifted: Weighed, empty: Weighed) -> Weighed:
     """Return the dumped weight, whose sensitivities contain only the errors that both weights do not have in common.
 
     lifted: weight of the load
-    left:   weight of the carry-back
+    empty:  weight of the carry-back
     """
-    both = None if lifted.slopes is None or left.slopes is None else lifted.slopes - left.slopes
+    both = None if lifted.slopes is None or empty.slopes is None else lifted.slopes - empty.slopes
     return Weighed(
-        mass=lifted.mass - left.mass,
-        noise=lifted.noise + left.noise,
-        gain=lifted.gain - left.gain,
-        drifted=lifted.drifted - left.drifted,
+        mass=lifted.mass - empty.mass,
+        noise=lifted.noise + empty.noise,
+        gain=lifted.gain - empty.gain,
+        drifted=lifted.drifted - empty.drifted,
         moving=0,
         slopes=both,
     )
@@ -211,7 +224,7 @@ class Bookings(Estimator):
     dumped:      loaded weight that was booked last, while the bucket returns; else None
     booking:     the last booking; None: none yet
     missed:      loads that are not booked
-    seen_us:     time of the last measurement [us]; None: none yet
+    measured_us: time of the last measurement [us]; None: none yet
     remembered:  whether the candidate is from before an interruption, so that its load may have left the bucket
     withheld:    whether bookings wait, because the monitor has evidence of a sensor fault
     probable:    errors of the signals; None: not known
@@ -224,7 +237,7 @@ class Bookings(Estimator):
     dumped: Weighed | None = None
     booking: Booking | None = None
     missed: Missed = NONE_MISSED
-    seen_us: int | None = None
+    measured_us: int | None = None
     remembered: bool = False
     withheld: bool = False
     probable: ProbableErrors | None = None
@@ -235,31 +248,33 @@ class Bookings(Estimator):
         """Return the state before any weight."""
         return cls(constants)
 
-    def seen(self, t_us: int) -> None:
+    def note_measurement(self, t_us: int) -> None:
         """Update the time [us] of the last measurement; discard the load after a pause longer than REFILL_S."""
-        if self.seen_us is not None and not 0 <= t_us - self.seen_us <= 1e6 * REFILL_S:
-            self.lose_sight()
-        self.seen_us = t_us
+        if self.measured_us is not None and not 0 <= t_us - self.measured_us <= 1e6 * REFILL_S:
+            self.discard_candidate()
+        self.measured_us = t_us
 
     def end_lift(self) -> None:
         """Discard the weights of a lift that has ended."""
         self.newest = self.dumped = None
 
     def change_load(self) -> None:
-        """Handle a change of the load in the air: any later weight replaces the candidate."""
+        """Handle a change of the load in the air, as by a spill: the next weight replaces the candidate.
+
+        For that the candidate's number of samples in motion becomes 0."""
         self.end_lift()
         if self.candidate is not None:
             self.candidate = replace(self.candidate, moving=0)
 
-    def lose_sight(self) -> None:
+    def discard_candidate(self) -> None:
         """Report the candidate as missed, because the bucket may have been emptied and filled again unobserved."""
         if self.candidate is not None:
-            self._miss(self.candidate.mass, interrupted=True)
+            self._miss(self.candidate.mass, MissedReason.INTERRUPTED)
         self.newest = self.candidate = self.dumped = None
         self.remembered = False
 
-    def _miss(self, mass: float, *, interrupted: bool) -> None:
-        self.missed = Missed(self.missed.number + 1, mass, interrupted)
+    def _miss(self, mass: float, reason: MissedReason) -> None:
+        self.missed = Missed(self.missed.number + 1, mass, reason)
 
     def update(self, weight: Weighed, t_us: int, drift: DriftKnowledge) -> None:
         """Update the bookings with the present weight of a lift that has continued.
@@ -269,7 +284,7 @@ class Bookings(Estimator):
         settled, self.newest, rated = self.newest, weight, self.constants.rated
         if settled is None or settled.noise > (GOOD_ENOUGH * rated) ** 2:
             return
-        if settled.corrected(drift) >= SMALLEST * rated:
+        if settled.corrected(drift) >= EMPTY_BELOW * rated:
             better = self._better(settled, drift)
             self._pass(settled, drift)
             self.candidate, self.dumped, self.remembered = better, None, False
@@ -277,22 +292,22 @@ class Bookings(Estimator):
         lifted = self.candidate or self.dumped
         if lifted is None or self.withheld or not self._is_known(lifted, settled, drift):
             if self.candidate is not None:
-                self.candidate = replace(self.candidate, moving=GONE)
+                self.candidate = replace(self.candidate, moving=EMPTY_DETECTED)
         elif self._has_left(lifted, settled, drift):
             self._book(lifted, settled, t_us, drift)
 
-    def _has_left(self, lifted: Weighed, left: Weighed, drift: DriftKnowledge) -> bool:
+    def _has_left(self, lifted: Weighed, empty: Weighed, drift: DriftKnowledge) -> bool:
         """Return whether the dumped mass exceeds AGREES of its standard errors.
 
-        A mass near SMALLEST may first read as a load and then as an empty bucket, although nothing has left it."""
-        by = lifted.corrected(drift) - left.corrected(drift)
-        return by > AGREES * self.constants.error(difference(lifted, left), drift)
+        A mass near EMPTY_BELOW may first read as a load and then as an empty bucket, although nothing has left it."""
+        by = lifted.corrected(drift) - empty.corrected(drift)
+        return by > AGREES * self.constants.error(difference(lifted, empty), drift)
 
-    def _is_known(self, lifted: Weighed, left: Weighed, drift: DriftKnowledge) -> bool:
+    def _is_known(self, lifted: Weighed, empty: Weighed, drift: DriftKnowledge) -> bool:
         """Return whether the weights are accurate enough for a booking.
 
         The lifted weight must be, also if any one signal has the certain part of its error. So must be either the
-        carry-back `left` in the bucket or the dumped weight.
+        weight of the empty bucket (its carry-back) or the dumped weight.
 
         The error of the scale counts as far as the data sheet of cylinders, pins and sensors bounds it. The part that
         only the masses bound is the same in every lift, so that no later lift is more accurate. It is in the booked
@@ -300,51 +315,72 @@ class Bookings(Estimator):
         error, enough = self.constants.error, GOOD_ENOUGH * self.constants.rated
         if error(lifted, drift) > enough or self._certain_error(lifted.slopes) > enough:
             return False
-        return min(error(left, drift), error(difference(lifted, left), drift)) <= enough
+        return min(error(empty, drift), error(difference(lifted, empty), drift)) <= enough
 
     def _certain_error(self, slopes: Array | None) -> float:
-        """Return the largest error [kg] of a weight by the certain part of one signal's error.
+        """Return the largest error [kg] of a weight by the certain part of one signal's error; 0 if nothing is known.
 
-        The errors of the signals explain the same torques, so that one of them counts and not their sum."""
+        The certain part of a probable error is what exceeds its own noise (`ProbableErrors.expected_certain`, (H,), in
+        the units of the signals). The errors of the H signals explain the same torques, so that one of them counts and
+        not their sum.
+
+        slopes: (H,) change of the mass per unit of each signal's error [kg per unit]; None: not known
+        """
         if slopes is None or self.probable is None:
             return 0.0
         return float(np.abs(slopes * self.probable.expected_certain).max(initial=0.0))
 
     def _pass(self, now: Weighed, drift: DriftKnowledge) -> None:
-        """Report the candidate as missed if `now` is the weight of another load.
+        """Report the candidate, the last weight that waits for booking, as missed if `now` is that of another load.
 
-        It may be that of another load if an empty bucket was detected between them, but not accurately enough; if the
-        bucket has turned as for an unobserved dump; or if the measurement was interrupted."""
+        It may be that of another load if an empty bucket was detected between them, but not accurately enough
+        (`moving` is EMPTY_DETECTED); if the bucket has turned and back as for an unobserved dump, and the weight is
+        smaller; or if the measurement was interrupted (`remembered`). It is the same load if both weights agree, or if
+        after an interruption it is the remainder of a load that is being dumped.
+
+        now:   weight of a loaded bucket
+        drift: by which both weights are corrected
+        """
         before = self.candidate
         if before is None:
             return
         by = now.corrected(drift) - before.corrected(drift)
         smaller = by < 0.0
-        turned_unseen = smaller and before.moving != GONE and turned_and_back(before, now)
-        if not (self.remembered or before.moving == GONE or turned_unseen):
+        if self.remembered:
+            reason = MissedReason.INTERRUPTED
+        elif before.moving == EMPTY_DETECTED:
+            reason = MissedReason.EMPTY_INACCURATE
+        elif smaller and turned_and_back(before, now):
+            reason = MissedReason.DUMP_NOT_WEIGHED
+        else:
             return
         same = abs(by) <= AGREES * self.constants.error(difference(now, before), drift)
-        if same or (self.remembered and smaller and leaves(before, now, drift)):
+        if same or (self.remembered and smaller and is_remainder(before, now, drift)):
             return
-        self._miss(before.corrected(drift), interrupted=self.remembered)
+        self._miss(before.corrected(drift), reason)
 
     def _better(self, now: Weighed, drift: DriftKnowledge) -> Weighed:
-        """Return the weight to be booked: that of most motion, unless the bucket has gained or lost a part of its load.
+        """Return the weight to be booked: the candidate so far, or `now`.
 
-        A smaller load that is being dumped does not replace the candidate. A load that has become smaller without a
-        dump does, because a part of it was lost."""
+        Of two weights of the same load it is that of more samples in motion; the tilt remains that of the first one. A
+        smaller load that is being dumped does not replace the candidate. Any other load that differs by more than
+        AGREES standard errors does: the bucket has gained or lost a part of its load, or it is another load.
+
+        now:   weight of a loaded bucket
+        drift: by which both weights are corrected
+        """
         before = self.candidate
-        if before is None or before.moving == GONE:
+        if before is None or before.moving == EMPTY_DETECTED:
             return now
         by = now.corrected(drift) - before.corrected(drift)
         differs = abs(by) > AGREES * self.constants.error(difference(now, before), drift)
-        if by < 0.0 and differs and leaves(before, now, drift):
+        if by < 0.0 and differs and is_remainder(before, now, drift):
             return before
         if differs:
             return now
         return replace(now, tilt=before.tilt) if now.moving >= before.moving else before
 
-    def _book(self, lifted: Weighed, left: Weighed, t_us: int, drift: DriftKnowledge) -> None:
+    def _book(self, lifted: Weighed, empty: Weighed, t_us: int, drift: DriftKnowledge) -> None:
         """Book the candidate, or refine its booking while the bucket returns.
 
         The estimates of the carry-back and of the drift of friction and zeros improve during the return."""
@@ -355,7 +391,7 @@ class Bookings(Estimator):
             number = last.number + 1
         else:
             number, t_us = last.number, last.t_us
-        mass, remains = lifted.corrected(drift), left.corrected(drift)
+        mass, remains = lifted.corrected(drift), empty.corrected(drift)
         error, sizes = self.constants.reported_error, None if self.probable is None else self.probable.expected
         self.booking = Booking(
             number=number,
@@ -363,14 +399,14 @@ class Bookings(Estimator):
             mass=mass,
             standard_error=error(lifted, drift, sizes),
             carry_back=remains,
-            carry_back_error=error(left, drift, sizes),
+            carry_back_error=error(empty, drift, sizes),
             dumped=mass - remains,
-            dumped_error=error(difference(lifted, left), drift, sizes),
+            dumped_error=error(difference(lifted, empty), drift, sizes),
         )
         self.candidate, self.dumped, self.remembered = None, lifted, False
 
 
-def leaves(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
+def is_remainder(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
     """Return whether a smaller load `now` is the remainder of the load `before`, which is being dumped.
 
     The tool has turned by more than REPOSE from the weight `before` to the start of the load `now`, and has not turned

@@ -22,6 +22,7 @@ from cylforce.service.loading.truck import (
 )
 from cylforce.signals.estimate import Booking, Quantity, Status
 from cylforce.signals.events import Frame
+from cylforce.signals.identifiers import HEARTBEAT, SDO_REQUEST
 
 ZERO, TARE = 0x6125, 0x6139  # CiA 404: auto-zero, auto-tare
 SIGNATURES = {ZERO: (b"zero",), TARE: (b"tare", b"tara")}  # both spellings of tare are written by existing drivers
@@ -107,7 +108,7 @@ def read(frame: Frame, node_id: int) -> Command | None:
 
     Commands are expedited downloads of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12 to 15. The SDO server itself
     refuses a download of another length."""
-    if frame.can_id != 0x600 + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
+    if frame.can_id != SDO_REQUEST + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
     if index == LOADING and frame.data[3] in COMMANDS:
@@ -218,6 +219,6 @@ def stopped(frame: Frame, node_id: int) -> bool | None:
 
 def booted(frame: Frame) -> int | None:
     """Return the id of the node whose boot-up message this is; None for any other frame."""
-    if 0x700 < frame.can_id < 0x780 and frame.data == b"\0":
-        return frame.can_id - 0x700
+    if HEARTBEAT < frame.can_id < HEARTBEAT + 0x80 and frame.data == b"\0":
+        return frame.can_id - HEARTBEAT
     return None

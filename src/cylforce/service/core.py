@@ -12,7 +12,8 @@ from cylforce.service.contact.lateness import force_delay_s
 from cylforce.service.contact.rocking import BaseConstants
 from cylforce.service.pipeline import PipelineConstants
 from cylforce.service.plausibility.detector import MonitoredMachine
-from cylforce.service.publication import GROSS, MAGNITUDE, Encoders
+from cylforce.service.publication import Encoders
+from cylforce.service.published_values import GROSS, MAGNITUDE
 from cylforce.service.recognition import RecognizerConstants
 from cylforce.service.snapshot import Constants
 from cylforce.service.weighing import LoadConstants
@@ -36,13 +37,21 @@ class Core(Constants):
     """
 
     def __init__(self, service: Service, tares: Tares, attached: Mapping[str, Tares] | None = None) -> None:
+        """Compute the constants of all estimators, and a core of its own for each other tool.
+
+        service:  settings of the machine file: machine, filters, sensor nodes, published PDOs, health limits
+        tares:    identified parameters of the empty machine with the standard tool, or those of the data sheet
+        attached: tares with each other tool, by its name; None: there is no other tool. The core of another tool
+                  contains itself alone in `fitted`
+        """
         self.service, self.tares, self.attached = service, tares, attached or {}
         self.model = model = Model(service.machine, service.filters, tares.friction)
         self.adapts = service.adapt and tares.identified
+        # each published field and its period [s], by the name of the value
         fields = {str(f.signal): (f, pdo.period_s) for pdo in service.publication for f in pdo.fields}
         gross, _ = fields[GROSS]
         self.gross_limits = (gross.low, gross.high)
-        magnitude, force_period_s = fields[MAGNITUDE]
+        magnitude, force_period_s = fields[MAGNITUDE]  # the largest force that can be published is the rated one
         self.period_us = round(1e6 / service.filters.rate_hz)
         self.longest_step = service.health.max_step_s * service.filters.rate_hz + TICK_SLACK
         self.inputs = AssemblerConstants(service)

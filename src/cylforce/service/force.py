@@ -16,7 +16,7 @@ CLEAR = 3.0  # times its standard error across: a smaller force has no direction
 
 
 def prior(machine: Machine, rated_force: float) -> Array:
-    """Return the prior information (T, T) on force and moment at the tool.
+    """Return the diagonal prior information (T, T) [1/N^2, 1/(N m)^2] on force x, z and moment at the tool.
 
     Standard errors are the rated force, and for the moment that of a full payload. T is 3, or 2 (forces only) with
     fewer than three measured torques."""

@@ -39,6 +39,12 @@ class PipelineConstants(Constants):
     """
 
     def __init__(self, model: Model, most_tilted: float = inf, kernel: Kernel | None = None) -> None:
+        """Compute the kernel's plan of a model, and the places in its arrays.
+
+        model:       of the machine
+        most_tilted: largest tilt of the chassis that is used [rad]
+        kernel:      form of the kernel; None: the compiled one if there is one
+        """
         self.model, self.kernel = model, kernel or choice.chosen()
         machine = model.machine
         self.plan = making.plan(model, self.kernel.KernelPlan)
@@ -66,6 +72,8 @@ class PipelineConstants(Constants):
 
         A pressure changes while its own cylinder moves, any other signal while any cylinder moves, because the whole
         machine then shakes.
+
+        A cylinder moves if it is faster than MOVING.
 
         speed: (C,) of the cylinders [m/s]
         """

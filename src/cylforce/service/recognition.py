@@ -45,6 +45,10 @@ class RecognizerConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
+        """Compute the priors: a friction may have changed by FRICTION of its value, a zero by SHIFT [Pa].
+
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         self.kernel = kernel or choice.chosen()
         self.solver = solver(model, tares, self.kernel)
         zeros = [SHIFT * c.area_head for c in model.machine.cylinders]
@@ -121,7 +125,11 @@ class Recognizer(Estimator):
         return _residual_squares(self.sum) / self.weight
 
     def _judge(self) -> None:
-        """Update the comparison with the block that has ended."""
+        """Update the comparison with the block that has ended.
+
+        The block's own load is eliminated. If friction and zeros of its own do not explain its residual, another force
+        acts on the tool, and the comparison starts anew. Otherwise the block is added to the faded earlier ones. It is
+        another machine after SURE results in a row above LIMIT."""
         c = self.constants
         gram, weight = np.frombuffer(self.gram).reshape(c.size, -1), self.rows / c.memory
         load = np.linalg.solve(gram[:LOAD, :LOAD] + c.prior, gram[:LOAD, LOAD:])

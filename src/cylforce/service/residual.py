@@ -2,6 +2,7 @@
 
 from array import array
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from cylforce.estimation.kernel.solver import KernelSolver
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.residual import Residual
 from cylforce.signals.estimate import Array
+
+_places = cache(ResidualLayout)  # the same at every step
 
 
 @dataclass(slots=True)
@@ -31,17 +34,17 @@ class InstantResidual:
     @property
     def torque(self) -> Numbers:
         """Residual torque (R,) [N m]."""
-        return self.numbers[ResidualLayout(len(self.wider)).torque]
+        return self.numbers[_places(len(self.wider)).torque]
 
     @property
     def variance(self) -> Numbers:
         """Variance (R,) of the residual torque without friction at rest [N^2 m^2]."""
-        return self.numbers[ResidualLayout(len(self.wider)).variance]
+        return self.numbers[_places(len(self.wider)).variance]
 
     @property
     def rest(self) -> Numbers:
         """Variance (R,) of friction at rest [N^2 m^2]."""
-        return self.numbers[ResidualLayout(len(self.wider)).rest]
+        return self.numbers[_places(len(self.wider)).rest]
 
 
 def residual_of(kernel: Kernel, solver: KernelSolver, rows: Numbers, drift: Array, size: int) -> InstantResidual:

@@ -40,6 +40,13 @@ def samples(
 
 
 def _rows(inputs: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason]) -> Iterator[Array]:
+    """Yield one row (S,) of SI values for each tick of a log; NaN where a tick is missing or a signal is not usable.
+
+    inputs:    last values of the sensors, updated with the frames
+    events:    frames and ticks in their order
+    period_us: fixed step [us]
+    unusable:  updated: number of rows that are not usable, by the reason
+    """
     missing = np.full(len(inputs.constants.service.machine.signals), np.nan)
     last_us: int | None = None
     for event in events:

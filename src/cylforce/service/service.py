@@ -11,7 +11,7 @@ from cylforce.mechanics.installation import STANDARD
 from cylforce.service import commands
 from cylforce.service.adaptation import DriftFilter
 from cylforce.service.assembler import Assembler
-from cylforce.service.booking import Bookings, Missed, weighed
+from cylforce.service.booking import Bookings, Missed, MissedReason, weighed
 from cylforce.service.commands import NO_SCALE, Answer, Scale
 from cylforce.service.contact.interaction import ForceEstimator, Forces
 from cylforce.service.contact.rocking import BaseFilter
@@ -150,7 +150,7 @@ class WeighingService(Estimator):
         books.candidate, books.booking, books.unconfirmed = hanging, kept.booking, kept.unconfirmed
         books.remembered = hanging is not None
         if kept.lost:
-            books.missed = Missed(1, kept.lost, interrupted=True)
+            books.missed = Missed(1, kept.lost, MissedReason.INTERRUPTED)
 
     @property
     def memory(self) -> Memory:
@@ -171,7 +171,10 @@ class WeighingService(Estimator):
         Estimator.restore(self, state)
 
     def copied(self, core: Core | None = None) -> "WeighingService":
-        """Return another service in the same state, with the constants of `core` where given."""
+        """Return another service in the same state, which shares no state with this one.
+
+        core: constants of the other service; None: those of this one
+        """
         other = WeighingService.start(self.core if core is None else core)
         other.restore(self.snapshot())
         return other
@@ -198,8 +201,8 @@ class WeighingService(Estimator):
         """
         other = WeighingService.start(core, replace(self.memory, hanging=None))
         other.bookings.restore(self.bookings.snapshot())
-        other.bookings.lose_sight()
-        other.bookings.probable, other.bookings.seen_us = None, None
+        other.bookings.discard_candidate()
+        other.bookings.probable, other.bookings.measured_us = None, None
         if unconfirmed is not None:
             other.bookings.unconfirmed = unconfirmed
         last = self.estimate
@@ -248,6 +251,10 @@ class WeighingService(Estimator):
         self.frames.clear()
 
     def _obey(self, command: commands.Command) -> Answer:
+        """Execute a command, and return its answer: verdict (0: done, else the SDO abort code) and words for a person.
+
+        A tool command changes the tool; a scale command sets zero or tare to the present load; a loading command with
+        the sub-index ADD books a bucket by hand, any other one changes the truck that is being loaded."""
         if isinstance(command, commands.ToolCommand):
             return self._change_tool(command.number)
         if isinstance(command, commands.ScaleCommand):
@@ -256,9 +263,9 @@ class WeighingService(Estimator):
             return answer
         if command.sub == commands.ADD:
             return self._book_by_hand(command.data)
-        ruling = commands.obey_loading(command, self.truck)
-        self.truck = ruling.truck
-        return Answer(ruling.verdict, ruling.words)
+        decision = commands.obey_loading(command, self.truck)
+        self.truck = decision.truck
+        return Answer(decision.verdict, decision.words)
 
     def _book_by_hand(self, data: bytes) -> Answer:
         """Book a bucket that was not weighed. The booking before it does not become more precise any more."""
@@ -268,16 +275,21 @@ class WeighingService(Estimator):
         return Answer(ruling.verdict, ruling.words)
 
     def _change_tool(self, number: int) -> Answer:
-        """Choose a tool: the weighing begins anew, zero and tare are 0, and a load in the bucket is not booked.
+        """Choose a tool, and return the answer: the weighing begins anew, and a load in the bucket is not booked.
 
-        The drift stays, because friction and pressure zeros are the arm's."""
+        Zero and tare become 0. The drift stays, because friction and pressure zeros are the arm's. The frames that were
+        received before the command are decoded first, with the constants of the old tool. If the command is refused
+        (verdict not 0), or the tool is the present one, nothing changes.
+
+        number: of the tool
+        """
         tool, answer = commands.chosen_tool(number, self.core.service.tools, self.tool)
         if answer.verdict or tool == self.tool:
             return answer
         self.receive()
         self._fit(tool)
-        self.bookings.lose_sight()
-        self.bookings.seen_us = None
+        self.bookings.discard_candidate()
+        self.bookings.measured_us = None
         self.load.interrupt()
         self.tool_check = ToolCheck()
         self.recognizer = Recognizer.start(self.fitted.recognizer)
@@ -319,7 +331,7 @@ class WeighingService(Estimator):
             MonitorSample(
                 values=sample.plain,
                 arrivals=self.inputs.arrivals_us,
-                leapt=sample.leapt,
+                stepped=sample.stepped,
                 pipeline=self.pipeline,
                 instant=instant,
                 residual=residual.torque,
@@ -349,32 +361,33 @@ class WeighingService(Estimator):
         if sample.late is not Reason.NONE and begun and not any(sample.reasons):
             self.estimate = held_estimate(self.estimate, sample.t_us, sample.late)
         elif isinstance(channels, Reason):
-            strayed = tuple(k for k, reason in enumerate(sample.reasons) if reason is Reason.OUT_OF_RANGE)
-            self._interrupt(sample.t_us, channels, strayed)
+            out_of_range = tuple(k for k, reason in enumerate(sample.reasons) if reason is Reason.OUT_OF_RANGE)
+            self._interrupt(sample.t_us, channels, out_of_range)
         else:
             self._interrupt(sample.t_us, Reason.TIME_JUMP if begun else Reason.STARTING)
             self.pipeline.begin(channels)
             self.sampled_us = sample.t_us
 
-    def _interrupt(self, t_us: int, reason: Reason, strayed: tuple[int, ...] = ()) -> None:
-        """Reset filters and lift after an interruption, with an estimate without values.
+    def _interrupt(self, t_us: int, reason: Reason, out_of_range: tuple[int, ...] = ()) -> None:
+        """Reset filters, lift and tests after an interruption of the measurement, with an estimate without values.
 
-        At an end stop the bucket still counts as observed.
+        The candidate for booking remains. If the bucket is not observed for too long, it may have been emptied and
+        filled again; at an end stop it still counts as observed.
 
-        t_us:    time [us]
-        reason:  of the interruption
-        strayed: numbers of the signals outside their range
+        t_us:         time [us]
+        reason:       of the interruption, that of the estimate
+        out_of_range: numbers of the signals outside their range; the monitor suspects them when they return
         """
         self.pipeline.stop()
         self.moving = self.fitted.inputs.still
         self.load.interrupt()
         self.bookings.end_lift()
         if reason is Reason.END_STOP:
-            self.bookings.seen_us = t_us
+            self.bookings.measured_us = t_us
         self.recognizer.interrupt()
         self.force.interrupt()
         self.base.interrupt()
-        self.monitor.interrupt(frozen=reason is Reason.FROZEN, strayed=strayed)
+        self.monitor.interrupt(frozen=reason is Reason.FROZEN, out_of_range=out_of_range)
         self.estimate = self._no_estimate(t_us, reason)
         self.unexplained = ()
 
@@ -396,7 +409,7 @@ class WeighingService(Estimator):
         curled: whether the bucket is curled far enough for a booking
         """
         bookings, lift = self.bookings, self.load.lift
-        bookings.seen(t_us)
+        bookings.note_measurement(t_us)
         if self.load.event is LiftEvent.ENDED:
             bookings.end_lift()
         elif self.load.event is LiftEvent.CHANGED:
@@ -404,7 +417,7 @@ class WeighingService(Estimator):
         if lift.taken % bookings.constants.every or not (curled or self.load.is_light(weight)):
             return
         self.tool_check.update(self.load, weight)
-        if self.load.doubt(weight) is None:
+        if self.load.refusal(weight) is None:
             slopes = self.monitor.undetected.slopes
             bookings.update(weighed(lift, bookings.constants.parameters, tilt, slopes), t_us, self.drift)
 
@@ -414,7 +427,7 @@ class WeighingService(Estimator):
         A suspicion that does not wait for motion in the air discards loads that are not booked yet."""
         suspicion = self.monitor.suspicion
         if suspicion.level is not Level.FINE and not suspicion.waits:
-            self.bookings.lose_sight()
+            self.bookings.discard_candidate()
         self.bookings.withheld = self.monitor.unsure
         self.bookings.probable = self.monitor.undetected.probable
 
@@ -446,21 +459,29 @@ class WeighingService(Estimator):
     def _estimate(self, load: Load, forces: Forces, t_us: int) -> Estimate:
         """Return the published estimate: load, load less zero (gross), less tare (net), and forces.
 
-        Load and forces are INVALID while a signal is rejected, and DEGRADED for the reasons of `_doubts`. Forces are
-        DEGRADED while the house slews fast and the tool seems to be in contact. Gross and net are INVALID outside their
-        declared range."""
+        Load and forces are INVALID while a signal is rejected, and DEGRADED for the reasons of `_reservations`. Forces
+        are DEGRADED while the house slews fast and the tool seems to be in contact. The first reason that degrades a
+        quantity remains, and an INVALID one stays so. A load that no load can be (NOT_A_LOAD) is INVALID because of
+        OTHER_TOOL while another tool is suspected. The standard error of the mass includes the error by undetected
+        sensor faults. Gross and net are INVALID outside their declared range, or with a standard error of the rated
+        payload or more.
+
+        load:   mass [kg] and its centre x, z [m] before zero and tare
+        forces: resultant at the tool, and the soil's part of it [N]
+        t_us:   of the tick [us]
+        """
         resultant, soil = forces.resultant, forces.soil
         if self.monitor.suspicion.level is Level.REJECTED:
             reason = Reason.NOT_THIS_MACHINE if self.recognizer.another else Reason.SENSORS_DISAGREE
             load, resultant = invalid_load(reason), invalid_force(reason)
             soil = resultant
-        elif self.force.contact.touching and self.monitor.slews_fast:
+        elif self.force.contact.in_contact and self.monitor.slews_fast:
             change = partial(degraded, reason=Reason.SLEWING)
             resultant, soil = resultant.changed(change), soil.changed(change)
-        for reason in self._doubts(t_us):
+        for reason in self._reservations(t_us):
             change = partial(degraded, reason=reason)
             load, resultant, soil = load.changed(change), resultant.changed(change), soil.changed(change)
-        if self.tool_check.off is not None and load.mass.reason is Reason.NOT_A_LOAD:
+        if self.tool_check.empty_weight is not None and load.mass.reason is Reason.NOT_A_LOAD:
             load = invalid_load(Reason.OTHER_TOOL)
         mass = load.mass
         if mass.status is not Status.INVALID:
@@ -481,16 +502,26 @@ class WeighingService(Estimator):
             events=self.force.contact.events,
         )
 
-    def _doubts(self, t_us: int) -> list[Reason]:
-        """Return the reasons for which no published quantity is OK."""
+    def _reservations(self, t_us: int) -> list[Reason]:
+        """Return the reasons why no published quantity is OK, the most important first.
+
+        NOT_THIS_MACHINE:  the motion is that of another machine than the identified one (only with identified tares)
+        OTHER_TOOL:        another tool than the chosen one is suspected
+        NOT_CONFIRMED:     the identified parameters were sealed on another controller: they may be another machine's
+        SENSORS_DISAGREE:  a sensor fault is suspected, or bookings wait because there is evidence of one
+        LONG_FRAME:        a frame longer than its mapping was received in the last LONG_FRAME_US
+        OWN_IDENTIFIER:    another node sends with one of our identifiers
+
+        t_us: of the tick [us]
+        """
         reasons = list[Reason]()
         if self.recognizer.another and self.fitted.tares.identified:
             reasons.append(Reason.NOT_THIS_MACHINE)
-        if self.tool_check.off is not None:
+        if self.tool_check.empty_weight is not None:
             reasons.append(Reason.OTHER_TOOL)
         if self.bookings.unconfirmed:
             reasons.append(Reason.NOT_CONFIRMED)
-        if self.monitor.suspicion.level is Level.DOUBTED or self.bookings.withheld:
+        if self.monitor.suspicion.level is Level.SUSPECTED or self.bookings.withheld:
             reasons.append(Reason.SENSORS_DISAGREE)
         if abs(t_us - self.inputs.long_us) < LONG_FRAME_US:
             reasons.append(Reason.LONG_FRAME)

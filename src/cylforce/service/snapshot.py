@@ -41,7 +41,10 @@ class Estimator:
                 setattr(self, name, _copied(state[name]))
 
     def types(self) -> dict[str, Any]:
-        """Return the type of each field of the state; for a field that is an estimator, its dictionary of types."""
+        """Return the type of each field of the state, by the field's name.
+
+        For a field that is an estimator it is that estimator's dictionary of types; for a dictionary of estimators, a
+        dictionary of those by the same keys. Fields of constants are no state, and are omitted."""
         found = dict[str, Any]()
         for name, kind in kinds(type(self)).items():
             now = getattr(self, name)
@@ -59,6 +62,7 @@ def kinds(estimator: type) -> dict[str, Any]:
 
 @cache
 def _kinds(estimator: type) -> dict[str, Any]:
+    """Return the types of an estimator's fields by their names, without those derived from `Constants`."""
     hints = get_type_hints(estimator)
     names = [field.name for field in fields(estimator)]
     return {name: hints[name] for name in names if not _is_constant(hints[name])}

@@ -18,12 +18,12 @@ CERTAIN = 4.0  # standard errors of a change that counts; chosen: none by chance
 
 
 def information(root: Root, gram: Array) -> Array:
-    """Return information matrix, right-hand side and gram of a load side by side (4, 5 + K).
+    """Return information matrix R'R, right-hand side R'z and gram of a load side by side (4, 4 + 1 + K).
 
     All of them are sums over time, so that the difference of two instants is the information between them.
 
-    root: triangle of the information on the load (4,)
-    gram: (4, K) with K other parameters
+    root: triangle R (4, 4) of the information on the load (m, m x, m z, J), and its right-hand side z (4,)
+    gram: (4, K) products of the load's columns with those of K other parameters, over each row's variance
     """
     return np.column_stack([root.factor.T @ np.column_stack([root.factor, root.right]), gram])
 

@@ -9,7 +9,7 @@ is booked."""
 
 from dataclasses import dataclass
 
-from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.service.loading.lift import Weight
 from cylforce.service.snapshot import Estimator
 from cylforce.service.weighing import LoadEstimator
@@ -19,25 +19,29 @@ from cylforce.service.weighing import LoadEstimator
 class ToolCheck(Estimator):
     """State of the check.
 
-    mass:       last settled weight [kg]; None: none yet
-    off:        weight of the empty tool, its deviation from zero [kg]; None: zero, or not known
-    base:       lowest weight from which the load has risen since the tool was last empty [kg]; None: none
-    seen_empty: whether the tool has been empty since the start
-    confirmed:  whether the tool has returned to `base`, or had a weight that no load has
+    mass:         last settled weight [kg]; None: none yet
+    empty_weight: suspected weight of the empty tool, which would be zero for the chosen tool [kg]; None: no suspicion
+    lowest_start: lowest weight from which the load has risen since the tool was last empty [kg]; None: none
+    seen_empty:   whether the tool has been empty since the start
+    confirmed:    whether the tool has returned to `lowest_start`, or had a weight that no load has
     """
 
     mass: float | None = None
-    off: float | None = None
-    base: float | None = None
+    empty_weight: float | None = None
+    lowest_start: float | None = None
     seen_empty: bool = False
     confirmed: bool = False
 
     def update(self, load: LoadEstimator, weight: Weight) -> None:
-        """Update the check with the weight of a lift, once it has settled in motion."""
-        lift, settled, rated = load.lift, load.constants.settled, load.constants.rated
+        """Update the check with the weight of a lift, once it has settled in motion and is accurate.
+
+        The weight is that of an empty tool if it is plausible and differs from zero by at most EMPTY_BELOW rated
+        payloads or three standard errors. It is impossible if it is not plausible, and negative or no more than that.
+        """
+        lift, settled, rated = load.lift, load.constants.settled_samples, load.constants.rated
         if lift.refused or lift.moving < settled or load.noise > GOOD_ENOUGH * rated:
             return
-        limit = SMALLEST * rated
+        limit = EMPTY_BELOW * rated
         certain = abs(weight.mass) > max(limit, 3.0 * weight.standard_error)
         plausible = load.is_plausible(weight)
         impossible = not plausible and (weight.mass < 0.0 or not certain)
@@ -53,26 +57,41 @@ class ToolCheck(Estimator):
         """
         before = self.mass
         if empty:
-            self.mass, self.off, self.base, self.seen_empty, self.confirmed = mass, None, None, True, False
+            self.mass, self.empty_weight, self.lowest_start = mass, None, None
+            self.seen_empty, self.confirmed = True, False
         elif impossible:
-            self.mass = self.off = self.base = mass
+            self.mass = self.empty_weight = self.lowest_start = mass
             self.confirmed = True
         elif before is None:
             self.mass = mass
         elif mass < before - limit:
             self.mass = mass
-            self.confirmed = self.confirmed or (self.base is not None and abs(mass - self.base) <= limit)
+            self.confirmed = self.confirmed or (
+                self.lowest_start is not None and abs(mass - self.lowest_start) <= limit
+            )
         elif mass > before + limit:
             self._rise(before, limit)
             self.mass = mass
 
     def _rise(self, before: float, limit: float) -> None:
-        """Update the suspicion after a rise of the load from the weight `before` [kg]."""
+        """Update the suspicion of another tool after a rise of the load.
+
+        The weight before a rise is that of an empty tool, or of a partial load that grows. If it was not that of the
+        chosen tool, it is suspected to be that of another empty tool, unless an empty tool has been detected since the
+        start: the bucket then held a load. A second rise, before the tool was empty, is that of a growing load, so that
+        the suspicion ends. Once the tool has returned to the same weight (`confirmed`), the suspicion is certain: loads
+        differ, an empty tool does not.
+
+        before: weight from which the load rose [kg]
+        limit:  weight up to which the chosen tool counts as empty [kg]
+        """
         if self.confirmed:
-            self.off = self.base
+            self.empty_weight = self.lowest_start
         elif before <= limit:
             return
-        elif self.base is None:
-            self.off, self.base = None if self.seen_empty else before, before
+        elif self.lowest_start is None:
+            self.lowest_start = before
+            self.empty_weight = None if self.seen_empty else before
         else:
-            self.off, self.base = None, min(self.base, before)
+            self.lowest_start = min(self.lowest_start, before)
+            self.empty_weight = None

@@ -15,16 +15,16 @@ from cylforce.estimation.kernel.solving import ZERO, Limits, solver
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.recursive import forget, update
 from cylforce.estimation.residual import (
+    EMPTY_BELOW,
     GOOD_ENOUGH,
     MIN_SECONDS,
     REST_SECONDS,
-    SMALLEST,
     Residual,
     correlated,
     load_spread,
 )
 from cylforce.service.adaptation import DriftKnowledge, no_drift
-from cylforce.service.loading.lift import Lift, Look, Weight, lift_numbers
+from cylforce.service.loading.lift import Lift, SpillCheck, Weight, lift_numbers
 from cylforce.service.residual import InstantResidual, residual_of, residual_of_arrays
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.service.spill import EVERY_S, KEPT, block_diagonal, changed_at, information
@@ -45,43 +45,58 @@ NO_LOAD = invalid(Reason.NOT_A_LOAD)
 class LoadConstants(Constants):
     """Constants of the weighing of one machine.
 
-    model:        of the machine
-    tares:        of the machine
-    gate:         names of the places in the intermediate results of an instant
-    conclusion:   names of the places in the conclusion from a lift
-    memory:       number of consecutive samples that count as one independent sample
-    long:         number of samples after which older ones begin to fade
-    patience:     number of samples in a row that do not fit, after which a lift ends
-    settled:      number of samples before a weight is shown
-    every:        number of samples between two examinations for a spill
-    rated:        rated payload [kg]
-    reach:        of the payload from the last pin [m]
-    rows:         R, number of measured torques
-    drifts:       D, number of adapted frictions and zeros
-    parameters:   P, number of tares
-    settle_steps: number of steps until the filters have settled
-    spread:       (4,) prior standard errors of a load
-    nothing:      (4, 5 + P + D) information of a lift without samples
+    model:           of the machine
+    tares:           of the machine: identified parameters of the empty machine
+    kernel:          form of the kernel, compiled or interpreted
+    solver:          the kernel's constants of these tares and of the limits of the gate
+    gate:            names of the places in the intermediate results of an instant
+    conclusion:      names of the places in the conclusion from a lift
+    memory:          number of consecutive samples that count as one independent sample
+    fading_samples:  number of samples after which older ones begin to fade
+    refused_samples: number of samples in a row that do not fit, after which a lift ends
+    settled_samples: number of samples before a weight is shown
+    spill_samples:   number of samples between two examinations for a spill
+    rated:           rated payload [kg]
+    reach:           of the payload from the last pin [m]
+    rows:            R, number of measured torques
+    drifts:          D, number of adapted frictions and zeros
+    parameters:      P, number of tares
+    settle_steps:    number of steps until the filters have settled
+    load_errors:     (4,) prior standard errors of a load (m, m x, m z, J) [kg, kg m, kg m, kg m^2]
+    no_information:  (4, 5 + P + D) information of a lift without samples: matrix, right-hand side and gram
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
-        self.model, self.tares, self.kernel = model, tares, kernel or choice.chosen()
+        """Compute the constants: times in seconds become numbers of samples, the solver gets the limits of the gate.
+
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         rate_hz = model.filters.rate_hz
+        self.model, self.tares, self.kernel = model, tares, kernel or choice.chosen()
         self.memory = correlated(model.filters, tares.correlation)
-        self.long, self.patience = FORGET_SECONDS * rate_hz, PATIENCE_S * rate_hz
-        self.settled, self.every = MIN_SECONDS * rate_hz, round(EVERY_S * rate_hz)
+        self.fading_samples = FORGET_SECONDS * rate_hz
+        self.refused_samples = PATIENCE_S * rate_hz
+        self.settled_samples = MIN_SECONDS * rate_hz
+        self.spill_samples = round(EVERY_S * rate_hz)
         self.rated, self.reach = model.machine.rated_payload, model.machine.payload_reach
-        limits = Limits(GATE, BREAK_AWAY, COLD, DRIFTED, self.memory, REST_SECONDS * rate_hz)
+        limits = Limits(
+            gate=GATE,
+            break_away=BREAK_AWAY,
+            cold=COLD,
+            drifted=DRIFTED,
+            memory=self.memory,
+            longest_rest=REST_SECONDS * rate_hz,
+        )
         self.solver = solver(model, tares, self.kernel, limits)
         self.rows, self.drifts = len(model.machine.rows), len(model.changing)
         self.parameters, self.settle_steps = len(model.parameters), model.settle_steps
         self.gate, self.conclusion = GateLayout(self.rows), ConclusionLayout(self.parameters, self.drifts)
-        self.spread = load_spread(model.machine)
-        self.nothing = self.new_lift().marks[0]
+        self.load_errors = load_spread(model.machine)
+        self.no_information = self.new_lift().marks[0]
 
     def new_lift(self, *, mixed: bool = False) -> Lift:
         """Return a lift without samples; `mixed`: whether the filters still contain another motion."""
-        return Lift.start(self.spread, self.parameters + self.drifts, self.rows, mixed=mixed)
+        return Lift.start(self.load_errors, self.parameters + self.drifts, self.rows, mixed=mixed)
 
     def is_empty(self, load: Load) -> bool:
         """Return whether the bucket is known to be empty and in the air; False for a load without a value."""
@@ -151,7 +166,7 @@ class LoadEstimator(Estimator):
                 self.event = LiftEvent.CHANGED
         else:
             lift.refused += 1
-            if lift.refused > self.constants.patience:
+            if lift.refused > self.constants.refused_samples:
                 self.lift = self.constants.new_lift(mixed=True)
                 self.event = LiftEvent.ENDED
         return self._weight(concluded) if self.lift is lift else self.conclude(drift)
@@ -161,13 +176,18 @@ class LoadEstimator(Estimator):
     ) -> int:
         """Add an instant to the lift if it fits; return 0 if it does not fit, 1 if it does, 2 if a row also moves.
 
-        work:      room for intermediate results (`GateLayout`)
-        concluded: room for the kernel's conclusion (`ConclusionLayout`)
+        In a lift of more than `fading_samples` a share of the old information is forgotten first.
+
+        residual:  of the instant, after tares and drift
+        usable:    (R,) 1 where a row can be used
+        drift:     that is subtracted in the residual
+        work:      written: intermediate results (`GateLayout`)
+        concluded: written: mass and centre of the load and their errors (`ConclusionLayout`)
         """
         c, lift = self.constants, self.lift
         instant = (residual.rows, residual.numbers, residual.wider, usable, lift.rested)
         known = (drift.values, drift.covariance)
-        if lift.taken < c.long:
+        if lift.taken < c.fading_samples:
             return c.kernel.weigh_load(c.solver, *instant, *known, work, lift.numbers, concluded)
         fits = c.kernel.gate(c.solver, *instant, *known, work, lift.numbers)
         if fits:
@@ -194,20 +214,27 @@ class LoadEstimator(Estimator):
         lift.taken += 1
         lift.refused = 0
         lift.moving += in_motion
-        if lift.taken % c.every == 0 and lift.taken <= c.long:
-            self._look(drift, tilt)
+        if lift.taken % c.spill_samples == 0 and lift.taken <= c.fading_samples:
+            self._check_spill(drift, tilt)
 
-    def _look(self, drift: DriftKnowledge, tilt: float | None) -> None:
-        """Examine the lift for a spill or an addition of load; if there is one, begin the lift anew after it."""
+    def _check_spill(self, drift: DriftKnowledge, tilt: float | None) -> None:
+        """Examine the lift for a spill or an addition of load; if there is one, the lift begins anew after it.
+
+        Otherwise the examination is stored, so that later ones are compared with it. A lift without a load is not
+        compared.
+
+        drift: of friction and zeros, whose error counts in the comparison
+        tilt:  angle of the tool to the house [rad]; None where the tool does not empty by tilting
+        """
         c, lift = self.constants, self.lift
-        now, last = information(lift.root, lift.gram), Look(lift.moving, tilt)
-        if lift.values[0] > SMALLEST * c.rated:
+        now, last = information(lift.root, lift.gram), SpillCheck(lift.moving, tilt)
+        if lift.values[0] > EMPTY_BELOW * c.rated:
             covariance = block_diagonal(c.tares.covariance, drift.covariance)
             at = changed_at(lift.marks, now, covariance, GOOD_ENOUGH * c.rated)
             if at is not None:
-                self.lift = lift.since(at, now, last, c.every, c.nothing)
+                self.lift = lift.since(at, now, last, c.spill_samples, c.no_information)
                 return
-        lift.look(now, last, KEPT)
+        lift.keep_check(now, last, KEPT)
 
     def _fade(self, work: Numbers) -> None:
         """Fade a small share of the old information of a long lift in the directions of the rows in `work`.
@@ -217,7 +244,7 @@ class LoadEstimator(Estimator):
         columns = part(work, place.columns).reshape(-1, 4)[part(work, place.taken) > 0.0]
         if not len(columns):
             return
-        root = forget(lift.root, columns, 1.0 - 1.0 / self.constants.long)
+        root = forget(lift.root, columns, 1.0 - 1.0 / self.constants.fading_samples)
         gram = root.factor.T @ (root.factor @ (lift.covariance @ lift.gram))
         root = update(root, columns[:0], columns[:0, 0], columns[:0, 0])  # a triangle again
         lift.numbers = lift_numbers(root, gram, (lift.values, lift.covariance))
@@ -229,6 +256,7 @@ class LoadEstimator(Estimator):
         return self._weight(concluded)
 
     def _weight(self, concluded: Numbers) -> Weight:
+        """Return the weight by names, from the kernel's conclusion (`ConclusionLayout`)."""
         place = self.constants.conclusion
         return Weight(
             mass=concluded[place.mass],
@@ -244,29 +272,39 @@ class LoadEstimator(Estimator):
         Its mass must be positive and its centre within reach. For a mass near zero the first moment must be near zero,
         too."""
         rated, reach = self.constants.rated, self.constants.reach
-        if abs(weight.mass) < max(SMALLEST * rated, 3.0 * weight.standard_error):
+        if abs(weight.mass) < max(EMPTY_BELOW * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)
-            return moment < (SMALLEST * rated + 3.0 * weight.standard_error) * reach + COLD * weight.drifted
+            return moment < (EMPTY_BELOW * rated + 3.0 * weight.standard_error) * reach + COLD * weight.drifted
         return weight.mass > 0.0 and abs(weight.centre) < FARTHEST * reach
 
     def is_light(self, weight: Weight) -> bool:
         """Return whether the weight is below that of a load."""
-        return weight.mass < SMALLEST * self.constants.rated
+        return weight.mass < EMPTY_BELOW * self.constants.rated
 
-    def doubt(self, weight: Weight) -> Reason | None:
-        """Return the reason why there is no valid weight; None: there is one."""
+    def refusal(self, weight: Weight) -> Reason | None:
+        """Return the reason why there is no valid weight; None: there is one.
+
+        IN_CONTACT: the last samples do not fit the load; STARTING: too few samples; NOT_A_LOAD: no load can have this
+        mass and centre; UNCERTAIN: the standard error is the rated payload or more."""
         if self.lift.refused:
             return Reason.IN_CONTACT
-        if self.lift.taken < self.constants.settled:
+        if self.lift.taken < self.constants.settled_samples:
             return Reason.STARTING
         if not self.is_plausible(weight):
             return Reason.NOT_A_LOAD
         return Reason.UNCERTAIN if weight.standard_error >= self.constants.rated else None
 
     def load(self, weight: Weight, *, curled: bool = True) -> Load:
-        """Return the load before zero and tare as it is published; a load is DEGRADED unless the bucket is `curled`."""
-        if (doubt := self.doubt(weight)) is not None:
-            return invalid_load(doubt)
+        """Return the load before zero and tare as it is published: mass [kg] and centre x, z [m], with their status.
+
+        It is INVALID if there is no valid weight (`refusal`). The centre of a weight that is lighter than a load is
+        INVALID (NOT_A_LOAD).
+
+        weight: of the lift
+        curled: whether the bucket is curled far enough; otherwise a load that is OK becomes DEGRADED (NOT_CURLED)
+        """
+        if (refusal := self.refusal(weight)) is not None:
+            return invalid_load(refusal)
         status, reason = self._trust(weight)
         mass = Quantity(weight.mass, weight.standard_error, status, reason)
         if self.is_light(weight):
@@ -277,6 +315,10 @@ class LoadEstimator(Estimator):
         return load if curled else load.changed(partial(degraded, reason=Reason.NOT_CURLED))
 
     def _trust(self, weight: Weight) -> tuple[Status, Reason]:
+        """Return status and reason of a plausible weight.
+
+        It is DEGRADED if its standard error exceeds GOOD_ENOUGH rated payloads (in a lift without motion because of
+        friction at rest), or if the tares are those of the data sheet; otherwise OK."""
         if weight.standard_error > GOOD_ENOUGH * self.constants.rated:
             return Status.DEGRADED, Reason.UNCERTAIN if self.lift.moving else Reason.AT_REST
         if not self.constants.tares.identified:

@@ -9,6 +9,7 @@ from cylforce.mechanics.installation import Filters, SensorNode
 from cylforce.service.publication import publication
 from cylforce.settings.error import FaultError, Inspection, Key
 from cylforce.settings.model import MachineFile, NodeTable, PdoTable, SensorTable, Skipped
+from cylforce.signals.identifiers import TPDOS, is_of_a_pdo
 from cylforce.signals.kinds import UNIT
 from cylforce.signals.layout import CODES, TYPE_NAMES, Field, Pdo
 from cylforce.signals.units import MILLISECOND
@@ -48,12 +49,27 @@ def nodes(file: MachineFile, folder: Path, published: Iterable[Pdo], findings: I
     published: PDOs that we send
     """
     described = [findings.attempt(_node, file, k, folder) for k in range(len(file.nodes))]
+    published = tuple(published)
+    findings.errors.extend(_own_cob_ids(published))
     findings.errors.extend(_same_cob_ids(described, published))
     return tuple(node for node in described if node is not None)
 
 
+def _own_cob_ids(published: Iterable[Pdo]) -> Iterator[FaultError]:
+    """Yield identifiers of ours that no PDO may have, or that two of our PDOs have."""
+    owner: dict[int, int] = {}
+    for pdo in published:
+        given = f"is {pdo.node_id}, which gives TPDO {pdo.number} of cylforce the COB-ID {pdo.can_id:03X}h"
+        if not is_of_a_pdo(pdo.can_id):
+            problem = f"{given}: CiA 301 reserves it for other messages; choose another node_id, 1 to 127"
+            yield FaultError(("publication", "node_id"), problem)
+        elif owner.setdefault(pdo.can_id, pdo.number) != pdo.number:
+            problem = f"{given} of its TPDO {owner[pdo.can_id]}: choose another node_id, 1 to 127"
+            yield FaultError(("publication", "node_id"), problem)
+
+
 def _same_cob_ids(described: Iterable[SensorNode | None], published: Iterable[Pdo]) -> Iterator[FaultError]:
-    """Yield identifiers that are used twice."""
+    """Yield identifiers of sensors that are used twice."""
     owner: dict[int, str] = {pdo.can_id: "cylforce's own publication" for pdo in published}
     for k, node in enumerate(described):
         for pdo in node.pdos if node else ():
@@ -164,13 +180,13 @@ def _pdo(file: MachineFile, k: int, number: int, sensors: list[Entry], eds: vend
     chosen = [(n, sensor) for n, sensor in sensors if sensor.pdo == number]
     timing = _timing(file, node, number)
     cob_id = next((pdo.cob_id for pdo in node.pdos if pdo.number == number), None)
-    if cob_id is None and number > 4:
+    if cob_id is None and number > len(TPDOS):
         raise FaultError(
             ("nodes", k),
             f"has TPDO {number}, which has no default COB-ID: add it to nodes.pdos with a cob_id",
         )
     fields = tuple(field for n, sensor in chosen for field in _fields(n, sensor, eds))
-    can_id = cob_id if cob_id is not None else 0x100 * number + 0x80 + node.node_id
+    can_id = cob_id if cob_id is not None else TPDOS[number - 1] + node.node_id
     pdo = Pdo(
         can_id=can_id,
         node_id=node.node_id,

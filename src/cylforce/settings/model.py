@@ -15,6 +15,7 @@ from cylforce.settings.arm import (
     ToolTable,
 )
 from cylforce.settings.limits import Cutoff, Force, Milliseconds, Positive, SlowSpeed
+from cylforce.signals.identifiers import FIRST_PDO, LAST_PDO
 from cylforce.signals.kinds import Kind
 
 TypeName = Literal["i8", "u8", "i16", "u16", "i32", "u32", "f32"]
@@ -64,7 +65,7 @@ class PdoTable(SettingsTable):
 
     number: PdoNumber = Field(description="Number of the TPDO.")
     cob_id: int | None = Field(
-        default=None, ge=0x181, le=0x57F, description="COB-ID. Default: the predefined one of TPDO 1 to 4."
+        default=None, ge=FIRST_PDO, le=LAST_PDO, description="COB-ID. Default: the predefined one of TPDO 1 to 4."
     )
     transmission: Literal["sync", "event_timer"] | None = Field(default=None, description="As the node's.")
     sync_every: SyncEvery | None = Field(default=None, description="As the node's.")

@@ -44,14 +44,19 @@ class Decoder(NamedTuple):
 
 
 def decoders(pdos: tuple[Pdo, ...], signals: Mapping[str, int]) -> dict[int, Decoder]:
-    """Return the decoders by CAN identifier. Fields whose name is not in `signals` are skipped.
+    """Return the decoder of each PDO by its CAN identifier. Fields whose name is not in `signals` are skipped.
 
+    pdos:    layouts of the sensors' PDOs
     signals: number of each signal by its name
     """
     return {pdo.can_id: _decoder(pdo, signals) for pdo in pdos}
 
 
 def _decoder(pdo: Pdo, signals: Mapping[str, int]) -> Decoder:
+    """Return the decoder of one PDO.
+
+    signals: number of each signal by its name; fields with other names are skipped
+    """
     slots = tuple(
         Slot(signals[f.signal], k, f.scale, f.offset, f.low, f.high)
         for k, f in enumerate(pdo.fields)
@@ -86,12 +91,18 @@ def encode(pdo: Pdo, values: Mapping[str, float]) -> bytes:
     """Return the data of a PDO from SI values by name.
 
     A value that is missing, not finite or outside the field's range is sent as "no value". An angle outside its range
-    is sent with the whole turns added that lead into it, as its sensor does."""
+    is sent with the whole turns added that lead into it, as its sensor does. Unused bytes are sent as 0.
+
+    values: SI value of each signal, by its name
+    """
     return packed(layout(pdo), [_readable(f, values.get(f.signal, nan)) if f.signal else 0.0 for f in pdo.fields])
 
 
 def _readable(field: Field, value: float) -> float:
-    """Return the value, and that of an angle with the whole turns that lead into the field's range."""
+    """Return a field's value [SI] as its sensor sends it: an angle with the whole turns that lead into the range.
+
+    A value that is in range or not finite, any other unit, and an angle that no whole turns lead into the range are
+    returned as they are."""
     if field.unit != ANGLE_UNIT or not isfinite(value) or field.low <= value <= field.high:
         return value
     return float(in_range(value, field.low, field.high))
@@ -142,15 +153,22 @@ def layout(pdo: Pdo) -> Layout:
 
 
 def _raw_field(f: Field) -> Raw:
+    """Return the conversion of a field's value to a number on the bus."""
     return Raw(f.low, f.high, f.scale, f.offset, _RAW_RANGES.get(f.code), not_available(f.code))
 
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:
-    """Return the data from the SI values of all fields, in their order."""
+    """Return the data of a PDO from the SI values of all its fields, in their order."""
     return of.struct.pack(*_raws(of, values))
 
 
 def _raws(of: Layout, values: Sequence[float]) -> list[float]:
+    """Return the number on the bus of each field: raw = (value - offset) / scale, rounded where it is an integer.
+
+    A value that is not finite, out of the field's range, or without an integer is sent as "no value".
+
+    values: SI values of all fields, in their order
+    """
     raws = list[float]()
     for (low, high, scale, offset, integers, missing), value in zip(of.fields, values, strict=True):
         if not low <= value <= high or not isfinite(value):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from math import nan
 
 KEPT = 32  # events that the service remembers; older ones are in the log
 
@@ -34,3 +35,7 @@ class ContactEvent:
     x: float
     z: float
     confidence: float
+
+
+# Before the first event
+NO_EVENT = ContactEvent(number=0, t_us=0, kind=EventKind.NONE, x=nan, z=nan, confidence=nan)

@@ -10,7 +10,8 @@ from math import isfinite, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.signals.contact import ContactEvent
+from cylforce.signals.contact import NO_EVENT, ContactEvent
+from cylforce.signals.value_class import value_class
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ class Reason(IntEnum):
     NOT_CONFIRMED = 32
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Sample:
     """The signals at a tick, in the order of the machine's signals.
 
@@ -75,14 +76,14 @@ class Sample:
     plain:   (S,) SI values, as Python's own array, which the kernel reads
     reasons: (S,) why each signal is not usable; NONE: usable
     late:    why at least one value is repeated from before; NONE: all are fresh
-    leapt:   numbers of the signals that stepped and stayed there
+    stepped: numbers of the signals that stepped and stayed there
     """
 
     t_us: int
     plain: "array[float]"
     reasons: tuple[Reason, ...]
     late: Reason
-    leapt: tuple[int, ...] = ()
+    stepped: tuple[int, ...] = ()
 
     @property
     def values(self) -> Array:
@@ -90,7 +91,7 @@ class Sample:
         return np.frombuffer(self.plain)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Quantity:
     """A value with its standard error.
 
@@ -126,7 +127,11 @@ def degraded(quantity: Quantity, reason: Reason) -> Quantity:
 
 
 def within(quantity: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
-    """Return the quantity, INVALID if it lies outside `limits` or its standard error reaches `largest_error`."""
+    """Return the quantity, INVALID (OUT_OF_DECLARED_RANGE) if its value is out of range or its error is too large.
+
+    limits:        smallest and largest value, in the unit of the quantity
+    largest_error: standard error from which on the quantity is INVALID, in the same unit
+    """
     if quantity.status is Status.INVALID:
         return quantity
     value, error = quantity.value, quantity.standard_error
@@ -134,7 +139,7 @@ def within(quantity: Quantity, limits: tuple[float, float], largest_error: float
     return quantity if fine else invalid(Reason.OUT_OF_DECLARED_RANGE)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Force:
     """Force of the outside world on the tool, in the vertical plane of the arm.
 
@@ -203,7 +208,7 @@ def is_new(booking: Booking | None, before: Booking | None) -> bool:
     return booking is not None and (before is None or booking.number != before.number)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Load:
     """Load in the bucket.
 
@@ -231,7 +236,7 @@ def invalid_load(reason: Reason) -> Load:
     return Load(nothing, nothing, nothing)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Estimate:
     """Estimates of a tick, as published.
 
@@ -253,6 +258,16 @@ class Estimate:
     booking: Booking | None
     soil: Force
     events: tuple[ContactEvent, ...] = ()
+
+    @property
+    def last_event(self) -> ContactEvent:
+        """The last event at the teeth; NO_EVENT before the first one."""
+        return self.events[-1] if self.events else NO_EVENT
+
+    @property
+    def event_age_s(self) -> float:
+        """Time since the last event [s]; NaN before the first one."""
+        return 1e-6 * (self.t_us - self.events[-1].t_us) if self.events else nan
 
 
 def no_estimate(t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()) -> Estimate:

@@ -11,9 +11,12 @@ from cylforce.signals.estimate import Array
 
 
 def clipped(steps: Array, most: float) -> Array:
-    """Return z (T,) with z_k = z_(k-1) + steps_k within -most..most, from 0 on: the play operator.
+    """Return z (T,) with z_k = z_(k-1) + steps_k, clipped to -most..most, from 0 on: the play operator.
 
-    Several steps in a row are again one step between limits, so that a block is three numbers."""
+    Several clipped steps in a row are again one step between two limits, so that a block of them is three numbers.
+
+    steps: (T,)
+    """
     rows, last = _blocks(steps, 0.0), len(steps)
     step, low, high = np.zeros(rows.shape[1]), np.full(rows.shape[1], -np.inf), np.full(rows.shape[1], np.inf)
     for row in rows:
@@ -30,14 +33,20 @@ def clipped(steps: Array, most: float) -> Array:
 
 
 def _within(value: Array, step: Array, most: float) -> Array:
-    """Apply one clipped step, in place."""
+    """Add one step to values, clip them to -most..most, and return them; `value` is written in place."""
     value += step
     np.maximum(value, -most, out=value)
     return np.minimum(value, most, out=value)
 
 
 def followed(aims: Array, kept: Array) -> Array:
-    """Return z (T,) with z_k = aim_k + (z_(k-1) - aim_k) kept_k, from 0 on."""
+    """Return z (T,) with z_k = aim_k + (z_(k-1) - aim_k) kept_k, from 0 on: each value moves towards its aim.
+
+    Several such steps in a row are one step z factor + offset, so that a block of them is two numbers.
+
+    aims: (T,) aim of each step
+    kept: (T,) share of the distance from the aim that a step keeps
+    """
     keep, add, last = _blocks(kept, 1.0), _blocks(aims * (1.0 - kept), 0.0), len(aims)
     factor, offset = np.ones(keep.shape[1]), np.zeros(keep.shape[1])
     for row, more in zip(keep, add, strict=True):
@@ -56,7 +65,12 @@ def followed(aims: Array, kept: Array) -> Array:
 
 
 def _blocks(values: Array, rest: float) -> Array:
-    """Return (L, B), B blocks of L samples one after the other, as columns; the last one is filled up with `rest`."""
+    """Return values (T,) as columns (L, B): B blocks of L samples, one after the other.
+
+    L is about the square root of T.
+
+    rest: value with which the last block is filled up
+    """
     length = isqrt(len(values)) + 1
     count = -(-len(values) // length)
     whole = np.full(length * count, rest)

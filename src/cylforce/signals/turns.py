@@ -28,16 +28,21 @@ def nearest(angle: float, middle: float) -> float: ...
 @overload
 def nearest(angle: Array, middle: Array | float) -> Array: ...
 def nearest(angle: Array | float, middle: Array | float) -> Array | float:
-    """Return angle + 2 pi k [rad], k whole, within half a turn of `middle` [rad]; as it is where either is NaN."""
+    """Return angle + 2 pi k [rad], k whole, from `middle` - pi up to, but without, `middle` + pi [rad].
+
+    Two floats give a float, otherwise both are broadcast to an array. An angle stays as it is where either is NaN.
+    """
     if isinstance(angle, float) and isinstance(middle, float):  # np.floor of a number takes ten times as long
-        off = angle - middle
-        return angle - TURN * floor(off / TURN + 0.5) if off >= pi or off < -pi else angle
+        difference = angle - middle
+        return angle - TURN * floor(difference / TURN + 0.5) if difference >= pi or difference < -pi else angle
     turns = np.floor((angle - middle) / TURN + 0.5)
     return np.asarray(angle - TURN * np.where(np.isnan(turns), 0.0, turns))
 
 
 def in_range(angle: Array | float, low: Array | float, high: Array | float) -> Array:
-    """Return angle + 2 pi k [rad], k whole, from `low` to `high` [rad]; as it is where no k leads there."""
+    """Return angle + 2 pi k [rad], k whole, from `low` to `high` [rad]; the angle as it is where no k leads there.
+
+    An angle in range is not changed. Rounding may move an angle by ROUNDING turns beyond `low`."""
     other = angle - TURN * np.floor((angle - low) / TURN + ROUNDING)
     outside = (angle < low) | (angle > high)
     return np.where(outside & (other <= high), other, angle)
@@ -65,11 +70,14 @@ class Follower:
     """
 
     def __init__(self, columns: Sequence[int]) -> None:
+        """Begin before the first piece of a recording; `columns`: numbers of the columns that are angles."""
         self.columns = list(columns)
         self.before = np.full(len(self.columns), np.nan)
 
     def follow(self, values: Array) -> Array:
-        """Return the next piece (T, S) with whole turns added to these columns."""
+        """Return the next piece (T, S) of the recording with whole turns added to the angles [rad].
+
+        No angle then differs from the last known one of its column by more than half a turn. NaN stays NaN."""
         if not self.columns:
             return values
         found = values.copy()

@@ -9,13 +9,14 @@ from cylforce.mechanics.installation import SensorNode, Service
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.identifiers import HEARTBEAT
 from cylforce.signals.layout import Pdo
 from cylforce.simulation.sensing import Record, Sensors, as_sent
 
 ANSWER_US = 300  # us from SYNC to the first synchronous PDO; chosen
 FRAME_US = 250  # us between two answers: a frame with 8 bytes of data at 500 kbit/s
 JITTER = 0.02  # standard deviation of an event timer, times its period; chosen
-HEARTBEAT, OPERATIONAL = 0x700, 5  # identifier base and state byte of a heartbeat (CiA 301)
+OPERATIONAL = 5  # state byte of a heartbeat (CiA 301)
 
 
 class Window(NamedTuple):

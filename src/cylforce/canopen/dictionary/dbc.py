@@ -15,9 +15,10 @@ from cylforce.canopen.j1939 import (
     identifier,
 )
 from cylforce.mechanics.installation import SensorNode
-from cylforce.service.publication import EVENT_KIND, FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
+from cylforce.service.published_values import EVENT_KIND, FORCE_QUALITY, PAYLOAD_QUALITY, QUALITY
 from cylforce.signals.contact import EventKind
 from cylforce.signals.estimate import Reason, Status
+from cylforce.signals.identifiers import EMCY, HEARTBEAT
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import DEGREE
 
@@ -133,7 +134,7 @@ def _messages(name: str, node_id: int, pdos: Sequence[Pdo], heartbeat_ms: int) -
         )
     yield DbcMessage(
         name=f"{name}_heartbeat",
-        can_id=0x700 + node_id,
+        can_id=HEARTBEAT + node_id,
         length=1,
         sender=name,
         signals=[_integer("nmt_state", 0, 8, _NMT)],
@@ -142,7 +143,7 @@ def _messages(name: str, node_id: int, pdos: Sequence[Pdo], heartbeat_ms: int) -
     )
     yield DbcMessage(
         name=f"{name}_emergency",
-        can_id=0x80 + node_id,
+        can_id=EMCY + node_id,
         length=8,
         sender=name,
         signals=[

@@ -21,9 +21,20 @@ from cylforce.canopen.dictionary.object_table import (
     with_first_entry,
 )
 from cylforce.canopen.emergency import HISTORY
+from cylforce.canopen.tpdo import DISABLED, NO_REMOTE
 from cylforce.mechanics.installation import SensorNode
 from cylforce.service.commands import KG, NEXT_WORD, SIGNATURES
 from cylforce.service.loading.truck import LARGEST_TARGET
+from cylforce.signals.identifiers import (
+    EMCY,
+    FIRST_PDO,
+    LAST_OTHER_PDO,
+    RPDOS,
+    SDO_REQUEST,
+    SDO_RESPONSE,
+    SYNC,
+    TPDOS,
+)
 from cylforce.signals.layout import CODES, Field, Pdo, not_available
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE
 
@@ -44,15 +55,13 @@ NO_RECORDS, RECORDING, RECORDS_STOPPED = 0, 1, 2  # values of sub-index RECORDS
 PROTECTION = 0x21A0  # lock, audit trail, identity of software and files
 CODE, LOCK_STATE, SECONDS_LEFT, AUDIT_COUNT, SOFTWARE_ID, PARAMETERS_ID, MACHINE_ID = range(1, 8)  # its sub-indices
 
-_BASES = range(0x180, 0x580, 0x80)  # COB-IDs of PDOs in CiA 301, to which the node id is added
 _LARGEST_U32 = 0xFFFFFFFF
 _LARGEST_TARGET = round(LARGEST_TARGET / KG)
 _NEXT, _ZERO = (int.from_bytes(word, "little") for word in (NEXT_WORD, *SIGNATURES[0x6125]))
 _TARA, _TARE = sorted(int.from_bytes(word, "little") for word in SIGNATURES[0x6139])
 _LONGEST_HEARTBEAT_MS = 10_000
-_COB_IDS = 0x181, 0xC00006DF  # limits of a PDO's COB-ID, with the bits "disabled" and "no remote frames"
+_COB_IDS = FIRST_PDO, DISABLED | NO_REMOTE | LAST_OTHER_PDO  # limits of a PDO's COB-ID
 _SLOTS = 8  # entries of a mapping that can be written: as many as a frame has bytes
-_SYNC = 0x80  # identifier of SYNC
 # SI unit -> code of CiA 303-2 for the unit in which it is published, that unit's size in SI
 _UNITS = {
     "kg": (0x00020000, 1.0),
@@ -70,13 +79,15 @@ _NAMES = {
     406: {0x6004: "Position value", 0x6030: "Speed value"},
     410: {0x6010: "Slope long16", 0x6020: "Slope lateral16", 0x6110: "Slope long32", 0x6120: "Slope lateral32"},
 }
-_OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload", 0x2180: "Last event"}
+_OURS = {0x2130: "Standard error", 0x2150: "Quality", 0x2160: "Booked payload", 0x2180: "Last event"}  # records
 
 
 def own_objects(
     pdos: Sequence[Pdo], heartbeat_ms: int = 500, sync_us: int = 0, watched: Sequence[int] = ()
 ) -> tuple[Object, ...]:
-    """Return the objects of our node. Raises ValueError if there are more consumers than entries.
+    """Return the objects of our node.
+
+    Raises ValueError if there are more consumers than entries, or if a published object has no name.
 
     pdos: TPDOs that it sends
     heartbeat_ms: its heartbeat period [ms]
@@ -93,11 +104,11 @@ def own_objects(
     fields = [field for pdo in pdos for field in pdo.fields]
     return merged(
         [
-            *_communication(404, "cylforce", (0, PRODUCT, REVISION, 0), heartbeat_ms, _SYNC | produces),
+            *_communication(404, "cylforce", (0, PRODUCT, REVISION, 0), heartbeat_ms, SYNC | produces),
             variable(0x1006, "Communication cycle period", "I", "ro", sync_us),
             group(0x1016, "Consumer heartbeat time", ARRAY, consumers),
             *(item for pdo in pdos for item in _tpdo(pdo, "ro", len(pdo.fields))),
-            *(_mapped_object(field, _NAMES[404] | _OURS) for field in fields),
+            *(_published_object(field) for field in fields),
             *_own_channels(channels(fields)),
             group(ADAPTATION, "Adaptation", RECORD, _adaptation()),
             group(LOADING, "Truck", RECORD, _loading()),
@@ -167,9 +178,9 @@ def sensor_objects(node: SensorNode) -> tuple[Object, ...]:
     tpdos = (_as_delivered(pdo) if node.writable_mapping else _tpdo(pdo, "ro", len(pdo.fields)) for pdo in node.pdos)
     return merged(
         [
-            *_communication(node.profile, node.name, identity, 0, _SYNC),
+            *_communication(node.profile, node.name, identity, 0, SYNC),
             *(item for tpdo in tpdos for item in tpdo),
-            *(_mapped_object(field, _NAMES.get(node.profile, {})) for field in fields),
+            *(_sensor_object(field, node.profile) for field in fields),
             *_profile(node.profile, fields),
         ]
     )
@@ -189,8 +200,8 @@ def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_m
     numbers = zip(("Vendor-ID", "Product code", "Revision number", "Serial number"), identity, strict=True)
     errors = (Entry(k, f"Standard error field {k}", "I", "ro", 0) for k in range(1, HISTORY + 1))
     server = (
-        Entry(1, "COB-ID client to server", "I", "ro", 0x600, relative=True),
-        Entry(2, "COB-ID server to client", "I", "ro", 0x580, relative=True),
+        Entry(1, "COB-ID client to server", "I", "ro", SDO_REQUEST, relative=True),
+        Entry(2, "COB-ID server to client", "I", "ro", SDO_RESPONSE, relative=True),
     )
     return [
         variable(0x1000, "Device type", "I", "ro", analog_inputs | profile),
@@ -202,7 +213,7 @@ def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_m
         variable(0x1005, "COB-ID SYNC", "I", "ro", sync),
         variable(0x1008, "Manufacturer device name", TEXT, "const", name),
         variable(0x100A, "Manufacturer software version", TEXT, "const", __version__),
-        Object(0x1014, "COB-ID EMCY", VARIABLE, (Entry(0, "COB-ID EMCY", "I", "ro", 0x80, relative=True),)),
+        Object(0x1014, "COB-ID EMCY", VARIABLE, (Entry(0, "COB-ID EMCY", "I", "ro", EMCY, relative=True),)),
         with_first_entry(
             variable(0x1017, "Producer heartbeat time", "H", "rw", heartbeat_ms),
             Entry(0, "Producer heartbeat time", "H", "rw", heartbeat_ms, low=0, high=_LONGEST_HEARTBEAT_MS),
@@ -220,7 +231,7 @@ def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
     """
     entries = [f.index << 16 | f.sub << 8 | 8 * CODES[f.code] for f in pdo.fields]
     slots = entries + [0] * (_SLOTS - len(entries)) if access == "rw" else entries
-    relative = pdo.can_id - pdo.node_id in _BASES
+    relative = pdo.can_id - pdo.node_id in (*TPDOS, *RPDOS)
     limits = _COB_IDS if access == "ro" else (None, None)
     parameter = (
         Entry(1, "COB-ID used by TPDO", "I", "rw", pdo.can_id - relative * pdo.node_id, relative, *limits),
@@ -240,19 +251,40 @@ def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
 
 def _as_delivered(pdo: Pdo) -> list[Object]:
     """Return a TPDO as delivered by the maker: one object mapped, the default identifier, no cyclic transmission."""
-    default = 0x100 * pdo.number + 0x80 + pdo.node_id if pdo.number <= 4 else 0x80000000
+    default = TPDOS[pdo.number - 1] + pdo.node_id if pdo.number <= len(TPDOS) else DISABLED
     return _tpdo(pdo._replace(can_id=default, synchronous=False, period_s=0.0), "rw", 1)
 
 
-def _mapped_object(field: Field, names: dict[int, str]) -> Object:
-    """Return the object that a PDO's field carries; its default is "no value"."""
-    name = names.get(field.index, f"Object {field.index:04X}")
+def _published_object(field: Field) -> Object:
+    """Return the object of a published value. Raises ValueError if it has no name; unused bytes need none."""
+    index = field.index
+    if field.signal is None:
+        return _sensor_object(field, 0)
+    if index in _OURS:
+        return _mapped_object(field, _OURS[index], RECORD)
+    if index not in _NAMES[404]:
+        problem = f"object {index:04X}h of the published value {field.signal} has no name"
+        raise ValueError(f"{problem}: add its index to _OURS in canopen/dictionary/object_dictionary.py")
+    return _mapped_object(field, _NAMES[404][index])
+
+
+def _sensor_object(field: Field, profile: int) -> Object:
+    """Return the object of a sensor's value. Objects that its profile does not name are named by their index."""
+    return _mapped_object(field, _NAMES.get(profile, {}).get(field.index, f"Object {field.index:04X}"))
+
+
+def _mapped_object(field: Field, name: str, kind: int = ARRAY) -> Object:
+    """Return the object that a PDO's field carries; its default is "no value".
+
+    name: of the object
+    kind: ARRAY or RECORD, of an object with sub-indices
+    """
     full_name = name if field.sub == 0 else f"{name} {field.signal or field.sub}"
     full_name += f" ({field.note})" if field.note else ""
     entry = Entry(field.sub, full_name, field.code, "ro", not_available(field.code), mappable=True)
     if field.sub == 0:
         return Object(field.index, name, VARIABLE, (entry,))
-    return group(field.index, name, RECORD if field.index in _OURS else ARRAY, (entry,))
+    return group(field.index, name, kind, (entry,))
 
 
 def unit_and_digits(field: Field) -> tuple[int, int]:
@@ -290,16 +322,8 @@ def _own_channels(by_number: dict[int, Field]) -> list[Object]:
         group(
             STATUS, "AI status", ARRAY, (Entry(k, f"Status of channel {k}", "B", "ro", 1) for k in sorted(by_number))
         ),
-        *(
-            _mapped_object(replace(f, index=INT16, code="h"), _NAMES[404])
-            for f in by_number.values()
-            if f.index != INT16
-        ),
-        *(
-            _mapped_object(replace(f, index=INT32, code="i"), _NAMES[404])
-            for f in by_number.values()
-            if f.index != INT32
-        ),
+        *(_published_object(replace(f, index=INT16, code="h")) for f in by_number.values() if f.index != INT16),
+        *(_published_object(replace(f, index=INT32, code="i")) for f in by_number.values() if f.index != INT32),
     ]
 
 

@@ -10,9 +10,9 @@ from zlib import crc32
 from cylforce.estimation.kernel import (
     drifting,
     followed,
-    heard,
     inputs,
     plan,
+    pressures,
     pushed,
     recognised,
     rows,
@@ -34,14 +34,14 @@ PARTS = (
     "recognised.py",
     "drifting.py",
     "followed.py",
-    "heard.py",
+    "pressures.py",
 )
 COMPILED = "compiled"
 INTERPRETED: Any = SimpleNamespace(
     KernelInputs=listed(inputs.KernelInputs),
     receive=inputs.receive,
     usable=inputs.usable,
-    leapt=inputs.leapt,
+    stepped=inputs.stepped,
     quantise=inputs.quantise,
     KernelSensors=listed(plan.KernelSensors),
     sense=plan.sense,
@@ -67,19 +67,19 @@ INTERPRETED: Any = SimpleNamespace(
             pushed.learn,
             pushed.fill,
             recognised.gather,
-            recognised.everyday,
+            recognised.daily_change,
             recognised.gather_block,
-            recognised.mislead,
+            recognised.error_torques,
             recognised.rock,
             followed.certain,
             followed.follow,
             recognised.turn_force,
-            recognised.notice,
-            heard.suspicious,
-            heard.sure_leaps,
-            heard.group,
-            heard.compare,
-            heard.listen,
+            recognised.mass_slopes,
+            pressures.suspicious,
+            pressures.certain_steps,
+            pressures.group,
+            pressures.compare,
+            pressures.update_noise,
         )
     },
 )
@@ -98,8 +98,10 @@ class Choice(NamedTuple):
 
 @cache
 def choice() -> Choice:
-    """Return the choice, which is made once. Source and compiled form are read as Python itself reads them when it
-    imports."""
+    """Return the kernel to use and, if the compiled one was refused, why. The choice is made once per process.
+
+    The compiled kernel is used if it is beside the source, was compiled from this source (checksum), and can be
+    imported by this processor and Python. Both are read as Python reads them when it imports, also from an archive."""
     here = files(__package__)
     built = [entry.name for entry in here.iterdir() if entry.name.startswith(f"{COMPILED}.")]
     if not built:
@@ -115,7 +117,8 @@ def choice() -> Choice:
 def judged(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
     """Return the compiled kernel if it was compiled from this source, otherwise the interpreted one.
 
-    text: checksum of the source
+    compiled: imported module, whose `TEXT` is the checksum of the source from which it was compiled
+    text:     checksum (CRC 32) of the source
     """
     if getattr(compiled, "TEXT", None) == text:
         return Choice(compiled)

@@ -1,9 +1,26 @@
 """Momentum and static columns of every effect at one instant: the laws of `effects` in plain numbers. Each function
-names the effect whose equation it is; a test compares all of them."""
+names the effect whose equation it is; a test compares all of them.
+
+The columns are written to `KernelPlan.momentum` and `KernelPlan.static`, tables of R rows (measured torques) by K
+columns (parameters): torque = d/dt (momentum @ parameters) + static @ parameters."""
 
 from math import cos, exp, sin, tanh
 
-from cylforce.estimation.kernel.bodies import END, FOOT, MIDDLE, PIN, follow_line, set_links, stretch
+from cylforce.estimation.kernel.bodies import (
+    BARS,
+    END,
+    FOOT,
+    HALF_LENGTH,
+    MIDDLE,
+    PIN,
+    ROCKER_LENGTH,
+    follow_line,
+    rider,
+    set_links,
+    slope_at,
+    slope_rate_at,
+    stretch,
+)
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 
@@ -19,14 +36,29 @@ AT_REST: Count = 7
 
 @inner
 def put(p: KernelPlan, table: Numbers, joint: Count, column: Count, value: Number) -> None:
-    """Write a value to a (R, K) table, where that joint's torque is measured."""
+    """Write a value to the row of a joint in a table, if the joint's torque is measured.
+
+    joint:  0 to N - 1
+    column: 0 to K - 1
+
+    Written:
+    table:  (R, K)
+    """
     if p.row[joint] >= 0:
         table[p.row[joint] * p.k + column] = value
 
 
 @inner
 def rigid(p: KernelPlan, g: Number, h: Number) -> None:
-    """Compute the columns of `Rigid`, with g + i h the specific force.
+    """Compute the columns J, X, Z of `Rigid` of all links: inertia and first moments about their inner pins.
+
+    g, h: specific force, the acceleration of the first pin plus gravity: upwards (g) and forwards (h) in true axes
+          [m/s^2]
+
+    Read: `p.level` (N, 2) cosine and sine of the links' angles from the true horizontal, `p.qd` (N,) their rates
+    [rad/s], `p.lengths` (N,) [m]
+
+    Written: their columns in `p.momentum` and `p.static` (R, K)
 
     For c = X + i Z of link k, in joint j, they are Re(c conj(.)) of own_k + sum l_i exp(i (q_k - q_i)) qd_k (momentum)
     and of (g + i h) exp(i q_k) - i qd_k own_k + sum i qd_i l_i exp(...) qd_k (static). The sums run over i = j ... k-1,
@@ -55,10 +87,19 @@ def rigid(p: KernelPlan, g: Number, h: Number) -> None:
 
 @inner
 def slewed(p: KernelPlan, square: Number) -> None:
-    """Compute the columns of `Slew`, added to `rigid`'s.
+    """Add the centrifugal part of the house's slewing (`Slew`) to the columns of `rigid`, and compute those of D_excess
+    and E.
 
-    They are Omega^2 times, of link k in joint j <= k: -i rho_k e_k + sum_{j<=i<k} l_i sin a_i e_k for c, and sin 2a_k /
-    2, cos 2a_k for D and E."""
+    square: squared slew rate Omega^2 [rad^2/s^2]
+
+    Read: `p.turn` (N, 2) cosine and sine of the links' angles a from the house's horizontal, `p.axis` [m], distance of
+    the first pin from the slew axis
+
+    Written: the links' columns in `p.static` (R, K)
+
+    The columns are Omega^2 times, of link k in joint j <= k: -i rho_k e_k + sum_{j<=i<k} l_i sin a_i e_k for c = X + i
+    Z; and sin 2a_k / 2, cos 2a_k for D = J + D_excess and E. Here e = cos a + i sin a, and rho is the distance of a
+    link's pin from the slew axis."""
     rho = p.axis
     for k in range(p.n):
         t, u = p.turn[2 * k], p.turn[2 * k + 1]
@@ -79,71 +120,109 @@ def slewed(p: KernelPlan, square: Number) -> None:
 
 @inner
 def tip(p: KernelPlan) -> None:
-    """Compute the columns of `TipForce`: the vector from each joint to the tool, x and -z across."""
+    """Compute the three columns of `TipForce`: the measured torque per force x, z [m] and per moment at the tool.
+
+    With (x, z) from the joint to the tool they are z, -x and -1: the cylinders must balance the force.
+
+    Read: `p.level` (N, 2) cosine and sine of the links' angles from the true horizontal, `p.arm` (N, 2) from each
+    link's pin to the next one, or to the tool [m]
+
+    Written: columns `p.tip` to `p.tip + 2` of `p.static` (R, K)
+    """
     x, z = 0.0, 0.0
     for j in range(p.n - 1, -1, -1):
-        t, u = p.level[2 * j], p.level[2 * j + 1]
-        x += p.arm[2 * j] * t - p.arm[2 * j + 1] * u
-        z += p.arm[2 * j] * u + p.arm[2 * j + 1] * t
+        cosine, sine = p.level[2 * j], p.level[2 * j + 1]
+        x += p.arm[2 * j] * cosine - p.arm[2 * j + 1] * sine
+        z += p.arm[2 * j] * sine + p.arm[2 * j + 1] * cosine
         put(p, p.static, j, p.tip, z)
         put(p, p.static, j, p.tip + 1, -x)
         put(p, p.static, j, p.tip + 2, -1.0)
 
 
 @inner
-def weigh(p: KernelPlan, column: Count, near: Count, far: Count, size: Number, up_x: Number, up_z: Number) -> None:
-    """Compute the columns of `RockerWeight` and `CylinderWeight`: a mass of 1/size at rider `far` less the same at
-    rider `near`.
+def weigh(p: KernelPlan, column: Count, near: Count, far: Count, length: Number, up: Number, forward: Number) -> None:
+    """Compute the column of a bar's weight (`RockerWeight`, `CylinderWeight`): its first moment about one end.
 
-    p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j (`riders.of_mass`); Omega^2 is in `turning`."""
+    A unit of the parameter is a mass of 1/length [kg] at the far rider, less the same mass at the near one. For a mass
+    at x, p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with x_j the derivative of x by joint j, v its
+    velocity and rho its distance from the slew axis (`riders.of_mass`).
+
+    column:      number of the parameter
+    near, far:   riders at the ends of the bar
+    length:      of the bar [m]
+    up, forward: specific force, the acceleration of the first pin plus gravity, in the house's axes [m/s^2]
+
+    Read: both riders, `p.torque[R]`, the squared slew rate, `p.axis` [m]
+
+    Written: the column in `p.momentum` and `p.static` (R, K)
+    """
     w = p.riders
-    length, n, turning = 4 + 4 * p.n, p.n, p.torque[p.r]
-    a, b = near * length, far * length
-    out_a, out_b = turning * (p.axis + w[a]), turning * (p.axis + w[b])
-    for j in range(n):
-        g, h = 4 + 2 * j, 4 + 2 * (n + j)
+    slew_square = p.torque[p.r]
+    a, b = rider(p, near), rider(p, far)
+    out_a, out_b = slew_square * (p.axis + w[a]), slew_square * (p.axis + w[b])
+    for j in range(p.n):
+        g, h = slope_at(j), slope_rate_at(p, j)
         moved_a = w[a + g] * w[a + 2] + w[a + g + 1] * w[a + 3]
         moved_b = w[b + g] * w[b + 2] + w[b + g + 1] * w[b + 3]
         held_a = (
-            up_x * w[a + g + 1] + up_z * w[a + g] - out_a * w[a + g] - w[a + h] * w[a + 2] - w[a + h + 1] * w[a + 3]
+            up * w[a + g + 1] + forward * w[a + g] - out_a * w[a + g] - w[a + h] * w[a + 2] - w[a + h + 1] * w[a + 3]
         )
         held_b = (
-            up_x * w[b + g + 1] + up_z * w[b + g] - out_b * w[b + g] - w[b + h] * w[b + 2] - w[b + h + 1] * w[b + 3]
+            up * w[b + g + 1] + forward * w[b + g] - out_b * w[b + g] - w[b + h] * w[b + 2] - w[b + h + 1] * w[b + 3]
         )
-        put(p, p.momentum, j, column, (moved_b - moved_a) / size)
-        put(p, p.static, j, column, (held_b - held_a) / size)
+        put(p, p.momentum, j, column, (moved_b - moved_a) / length)
+        put(p, p.static, j, column, (held_b - held_a) / length)
 
 
 @inner
 def without_weight(p: KernelPlan, column: Count) -> None:
-    """Set the columns of a weight to zero, where a linkage cannot be closed."""
+    """Set the column of a bar's weight to zero in `p.momentum` and `p.static`, where its linkage cannot be closed."""
     for j in range(p.n):
         put(p, p.momentum, j, column, 0.0)
         put(p, p.static, j, column, 0.0)
 
 
 @inner
-def cylinders(p: KernelPlan, up_x: Number, up_z: Number) -> None:
-    """Compute lever and speed of all cylinders, with the columns of their weight and of the bars."""
+def cylinders(p: KernelPlan, up: Number, forward: Number) -> None:
+    """Compute lever and speed of all C cylinders, and the columns of the weight of cylinders and four-bars.
+
+    Where the linkage of a cylinder cannot be closed, the columns of its weights are zero.
+
+    up, forward: specific force, the acceleration of the first pin plus gravity, in the house's axes [m/s^2]
+
+    Read: motion of the links (`set_links`); `p.rocker`, `p.weight` (C,), columns of the weight of a four-bar's bars and
+    of the cylinder, -1: none; `p.bars` (C, 6)
+
+    Written: `p.lever` (C, N) [m/rad], `p.speed` (C,) [m/s], `p.good` (C,) (`stretch`); columns of the weights in
+    `p.momentum` and `p.static` (R, K)
+    """
     for c in range(p.c):
         closed = stretch(p, c)
         if p.rocker[c] >= 0 and closed:
-            weigh(p, p.rocker[c], PIN, END, p.bars[6 * c], up_x, up_z)
+            weigh(p, p.rocker[c], PIN, END, p.bars[BARS * c + ROCKER_LENGTH], up, forward)
         elif p.rocker[c] >= 0:
             without_weight(p, p.rocker[c])
         if p.weight[c] >= 0 and closed:
-            follow_line(p, p.bars[6 * c + 5])
-            weigh(p, p.weight[c], FOOT, MIDDLE, p.bars[6 * c + 5], up_x, up_z)
+            half = p.bars[BARS * c + HALF_LENGTH]
+            follow_line(p, half)  # the centre of the barrel
+            weigh(p, p.weight[c], FOOT, MIDDLE, half, up, forward)
         elif p.weight[c] >= 0:
             without_weight(p, p.weight[c])
 
 
 @inner
 def law(kind: Count, a: Number, b: Number, speed: Number, force: Number, rate: Number) -> Number:
-    """Return the force of a law at speed v, force F and its rate.
+    """Return the force of a cylinder by one law, per unit of the law's parameter.
 
-    The laws are `CoulombFriction`, `ViscousFriction`, `LoadDependentFriction`, `AsymmetricFriction`, `Stribeck`,
-    `Delay`, `PressureZero` and `AtRest`."""
+    kind:  of the law, one of the constants above: tanh(v/a) for `CoulombFriction`, v `ViscousFriction`, |F| tanh(v/a)
+           `LoadDependentFriction`, |tanh(v/a)| `AsymmetricFriction`, exp(-(v/b)^2) tanh(v/a) `Stribeck`, dF/dt `Delay`,
+           1 `PressureZero`, 1 - |tanh(v/a)| `AtRest`
+    a:     speed over which the sign of the speed is rounded [m/s]
+    b:     speed at which the friction of creep has fallen to 37 % [m/s]
+    speed: v of the cylinder [m/s]
+    force: F of the cylinder [N]
+    rate:  dF/dt [N/s]
+    """
     found = 1.0
     if kind == VISCOUS:
         found = speed
@@ -164,17 +243,25 @@ def law(kind: Count, a: Number, b: Number, speed: Number, force: Number, rate: N
 
 @inner
 def forces(p: KernelPlan) -> None:
-    """Compute the columns of `Friction`, `AtRest`, `Delay` and `PressureZero`, the law's force times the lever; and the
-    measured torques."""
+    """Compute the columns of the force laws (`Friction`, `AtRest`, `Delay`, `PressureZero`) and the measured torques.
+
+    A column is the law's force (`law`) times the lever, for friction at rest the size of the lever. A law has one
+    column for each cylinder. A measured torque is the sum of the cylinders' forces times their levers.
+
+    Read: `p.speed` (C,) [m/s], `p.lever` (C, N) [m/rad]; `p.middle` and `p.rate` (D,), of which the forces [N] and
+    their rates [N/s] follow the N angles; `p.laws`, `p.shapes` and `p.levers`, constants
+
+    Written: the laws' columns in `p.static` (R, K), `p.torque` (R,) [N m]; `p.pushes` (C,), forces of the last law
+    """
     static, levers, lever, pushes = p.static, p.levers, p.lever, p.pushes
     for i in range(p.law_size):
         kind, first = p.laws[2 * i], p.laws[2 * i + 1]
         a, b = p.shapes[2 * i], p.shapes[2 * i + 1]
         for c in range(p.c):
             pushes[c] = law(kind, a, b, p.speed[c], p.middle[p.n + c], p.rate[p.n + c])
-        for m in range(p.lever_size):
-            x = lever[levers[3 * m]]
-            static[levers[3 * m + 1] + first] = pushes[levers[3 * m + 2]] * (abs(x) if kind == AT_REST else x)
+        for m in range(p.lever_size):  # `levers`: place among (C, N), row K + cylinder, cylinder
+            arm, place, c = lever[levers[3 * m]], levers[3 * m + 1] + first, levers[3 * m + 2]
+            static[place] = pushes[c] * (abs(arm) if kind == AT_REST else arm)
     for r in range(p.r):
         p.torque[r] = 0.0
     for m in range(p.lever_size):
@@ -183,15 +270,26 @@ def forces(p: KernelPlan) -> None:
 
 @inner
 def columns(p: KernelPlan) -> None:
-    """Compute all columns, levers, speeds and torques from the channels `middle` and their rates (`Channels.moved`)."""
+    """Compute all columns, levers, speeds and torques of one instant from the channels and their rates.
+
+    The channels are N joint angles [rad], C cylinder forces [N], with an inertial sensor on the base its rate of
+    rotation [rad/s] and specific force forwards and upwards [m/s^2], then pitch and roll [rad], and slew rate [rad/s]
+    or, if that is not measured, slew angle [rad] (`Channels.moved`). g + i h is the specific force of the first pin:
+    that of the sensor at r, less (i alpha - omega^2) r, or else gravity (g upwards, h forwards, in true axes).
+
+    Read: `p.middle` and `p.rate` (D,), channels and their rates per second
+
+    Written: `p.momentum` and `p.static` (R, K), `p.torque` (R + 1,): measured torques [N m], squared slew rate; lever,
+    speed and use of the cylinders; motion of the links
+    """
     pitch, roll = p.middle[p.d - 3], p.middle[p.d - 2]
     slew = p.middle[p.d - 1] if p.rate_slew else p.rate[p.d - 1]
     g, h, turning = p.gravity * cos(roll), 0.0, 0.0
     if p.inertial:
-        o = p.n + p.c
-        turning = p.middle[o]
-        x = p.middle[o + 1] + p.rate[o] * p.base_z + turning * turning * p.base_x + slew * slew * (p.axis + p.base_x)
-        z = p.middle[o + 2] - p.rate[o] * p.base_x + turning * turning * p.base_z
+        base = p.n + p.c  # place of the inertial sensor's rate; its specific forces follow
+        turning, alpha = p.middle[base], p.rate[base]
+        x = p.middle[base + 1] + alpha * p.base_z + turning * turning * p.base_x + slew * slew * (p.axis + p.base_x)
+        z = p.middle[base + 2] - alpha * p.base_x + turning * turning * p.base_z
         g, h = z * cos(pitch) + x * sin(pitch), x * cos(pitch) - z * sin(pitch)
     set_links(p, pitch, turning)
     p.torque[p.r] = slew * slew

@@ -6,29 +6,48 @@ from typing import Any
 
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, as_counts, as_numbers, record
 
-USUAL: Count = 4  # place of the usual amount, after the load's four deviations from it
-DRIFT: Count = 5  # place of the first drift, after the usual amount
+USUAL: Count = 4  # place of the usual carry-back, after the load's four deviations from it
+DRIFT: Count = 5  # place of the first drift, after the usual carry-back
 
 
 @record
 class KernelDrift:
-    """Constants of R rows of K columns with N = 5 + D unknowns: deviation of this return's load from the usual one (4),
-    the usual amount, the drift (D).
+    """Constants of R rows (measured torques) of K columns with N = 5 + D unknowns: deviation of this return's load from
+    the usual one (4), the usual carry-back (1), the drift (D) of frictions and pressure zeros.
 
-    rests, coulombs, loads: numbers of columns of each kind below
-    certain, keep, memory, prior, shown: limits of `service.adaptation`
-    mean:             prior mean of the usual amount, in its standard errors
-    changing:         (D,) columns of the drift
-    kinds:            (D,) 0 friction, 1 zero
-    load_at:          (M, 2) parameter and component of a load
-    at_rest, coulomb: columns of friction at rest, and of Coulomb friction
-    load:             (M,) share of that parameter in that component
-    unit:             (N,) prior standard errors
-    low, high:        (D,) limits of the drift
-    row_error:        (R,) standard error of each row [N m]
-    alike:            (D, D) inverse of the prior correlation of the drifts, none between kinds
-    usual:            (4,) load of one kilogram of the usual amount
-    good, rows, basis, each, square, inverse: room for intermediate results
+    r, k, n:   sizes R, K, N
+    rests:     number of columns in `at_rest`
+    coulombs:  number of columns in `coulomb`
+    loads:     M, length of `load`
+
+    Limits of the adaptation (`service.adaptation`):
+    certain:   largest share of the lever with friction of unknown direction, at which a row is used
+    keep:      share of the old information that an update keeps
+    memory:    number of updates that count as one independent measurement
+    prior:     number of measurements that count as much as the prior spread of the drift
+    shown:     share of the difference by which an update changes the drift in kilograms
+    mean:      prior mean of the usual carry-back, in its standard errors
+
+    Model:
+    changing:  (D,) columns of the drift
+    kinds:     (D,) 0 friction, 1 zero
+    load_at:   (M, 2) parameter, and component 0 to 3 of a load, of each number of `load`
+    at_rest:   columns of friction of unknown direction, at rest
+    coulomb:   columns of Coulomb friction
+    load:      (M,) share of that parameter in that component
+    unit:      (N,) prior standard errors of the unknowns
+    low, high: (D,) limits of the drift
+    row_error: (R,) standard error of each row [N m]
+    alike:     (D, D) inverse of the prior correlation of the drifts, none between kinds
+    usual:     (4,) load of one kilogram of the usual carry-back
+
+    Room for intermediate results:
+    good:      (R,) rows to use
+    rows:      (R, N) their coefficients
+    basis:     (R, N) directions in which information is forgotten; then its first row is the estimate
+    row:       (N,) one row
+    matrix:    (N, N) triangle, then information
+    inverse:   (N, N) right-hand side of the triangle (N,), then inverse information
     """
 
     r: Count
@@ -58,13 +77,19 @@ class KernelDrift:
     usual: Numbers
     rows: Numbers
     basis: Numbers
-    each: Numbers
-    square: Numbers
+    row: Numbers
+    matrix: Numbers
     inverse: Numbers
     arrays: object
 
     def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Everything in the order of the fields."""
+        """Set the constants from lists.
+
+        sizes:   r, k, n
+        limits:  certain, keep, memory, prior, shown, mean
+        counts:  arrays of integers: changing, kinds, load_at, good, at_rest, coulomb
+        numbers: arrays of numbers: load, unit, low, high, row_error, alike, usual, rows, basis, row, matrix, inverse
+        """
         self.arrays = (counts, numbers)
         self.r, self.k, self.n = sizes[0], sizes[1], sizes[2]
         self.certain, self.keep, self.memory, self.prior, self.shown, self.mean = (limits[i] for i in range(6))
@@ -75,5 +100,5 @@ class KernelDrift:
         self.load, self.unit = as_numbers(numbers[0]), as_numbers(numbers[1])
         self.low, self.high, self.row_error = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
         self.alike, self.usual, self.rows = as_numbers(numbers[5]), as_numbers(numbers[6]), as_numbers(numbers[7])
-        self.basis, self.each, self.square = as_numbers(numbers[8]), as_numbers(numbers[9]), as_numbers(numbers[10])
+        self.basis, self.row, self.matrix = as_numbers(numbers[8]), as_numbers(numbers[9]), as_numbers(numbers[10])
         self.inverse = as_numbers(numbers[11])

@@ -29,9 +29,9 @@ class Kernel(Protocol):
     def receive(
         self, p: Inputs, state: Flat, sorts: Counts, number: int, times: Flat, raw: Flat, moving: Flat, /
     ) -> None: ...
-    def usable(self, p: Inputs, state: Flat, t_us: float, found: Flat, /) -> int: ...
-    def leapt(self, p: Inputs, state: Flat, found: Flat, /) -> None: ...
-    def quantise(self, size: int, limits: Flat, values: Flat, found: Counts, /) -> None: ...
+    def usable(self, p: Inputs, state: Flat, t_us: float, sample: Flat, /) -> int: ...
+    def stepped(self, p: Inputs, state: Flat, found: Flat, /) -> None: ...
+    def quantise(self, size: int, limits: Flat, values: Flat, sent: Counts, /) -> None: ...
     # plan.py
     def sense(self, p: Sensors, values: Flat, into: Flat, /) -> int: ...
     # rows.py
@@ -39,43 +39,53 @@ class Kernel(Protocol):
     def state_size(self, p: Plan, /) -> int: ...
     def rows_size(self, p: Plan, /) -> int: ...
     def slips(
-        self, p: Plan, channels: Flat, values: Flat, turned: Counts, size: int, by: float, out: Flat, /
+        self, p: Plan, channels: Flat, values: Flat, joints: Counts, size: int, step: float, torques: Flat, /
     ) -> None: ...
     def moves(self, speed: Flat, size: int, least: float, by: Counts, signals: int, found: Flat, /) -> None: ...
     # weighed.py
-    def explain(self, s: Solver, rows: Flat, drift: Flat, found: Flat, /) -> None: ...
+    def explain(self, s: Solver, rows: Flat, drift: Flat, residual: Flat, /) -> None: ...
     def gate(
         self,
         s: Solver,
         rows: Flat,
-        left: Flat,
-        wider: Flat,
+        residual: Flat,
+        base_variance: Flat,
         usable: Flat,
         rested: Flat,
-        known: Flat,
-        unsure: Flat,
+        drift: Flat,
+        drift_covariance: Flat,
         work: Flat,
         lift: Flat,
         /,
-    ) -> int: ...
-    def take(self, s: Solver, rows: Flat, left: Flat, work: Flat, lift: Flat, /) -> None: ...
-    def conclude(self, s: Solver, lift: Flat, drift: Flat, unsure: Flat, found: Flat, /) -> None: ...
+    ) -> int:
+        """Return whether an instant fits the load of a lift: 0 no, 1 yes, 2 yes and a usable row moves.
+
+        Which arguments are read and written, with shapes and units: see `weighed.gate`."""
+
+    def take(self, s: Solver, rows: Flat, residual: Flat, work: Flat, lift: Flat, /) -> None: ...
+    def conclude(self, s: Solver, lift: Flat, drift: Flat, drift_covariance: Flat, conclusion: Flat, /) -> None: ...
     def weigh_load(
         self,
         s: Solver,
         rows: Flat,
-        left: Flat,
-        wider: Flat,
+        residual: Flat,
+        base_variance: Flat,
         usable: Flat,
         rested: Flat,
-        known: Flat,
-        unsure: Flat,
+        drift: Flat,
+        drift_covariance: Flat,
         work: Flat,
         lift: Flat,
-        found: Flat,
+        conclusion: Flat,
         /,
-    ) -> int: ...
-    def without_load(self, s: Solver, rows: Flat, left: Flat, lift: Flat, over: Flat, values: Flat, /) -> None: ...
+    ) -> int:
+        """Update the state of a lift with one instant if it fits, and compute the mass and centre of its load.
+
+        Which arguments are read and written, with shapes and units: see `weighed.weigh_load`."""
+
+    def without_load(
+        self, s: Solver, rows: Flat, residual: Flat, lift: Flat, unexplained: Flat, values: Flat, /
+    ) -> None: ...
     # pushed.py
     def push(
         self,
@@ -84,43 +94,55 @@ class Kernel(Protocol):
         usable: Flat,
         load: Flat,
         drift: Flat,
-        wrong: Flat,
-        errors: int,
-        unrest: Flat,
-        new: Flat,
-        found: Flat,
+        signal_torques: Flat,
+        signals: int,
+        noise_before: Flat,
+        noise: Flat,
+        force: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Compute the force at the tool at one instant from the residual torques, with its covariance.
+
+        Which arguments are read and written, with shapes and units: see `pushed.push`."""
+
     def show(
         self,
         s: Solver,
-        found: Flat,
+        force: Flat,
         load: Flat,
-        covariance: Flat,
-        loaded_tool: int,
+        load_covariance: Flat,
+        load_known: int,
         clear: float,
         resultant: Flat,
         ground: Flat,
         /,
-    ) -> None: ...
-    def learn(self, s: Solver, found: Flat, good: Flat, load: Flat, unrest: Flat, /) -> None: ...
-    def fill(self, known: Flat, full: Flat, share: float, found: Flat, /) -> None: ...
+    ) -> None:
+        """Compute the two published forces: the resultant at the tool, and the force of the ground.
+
+        Which arguments are read and written, with shapes and units: see `pushed.show`."""
+
+    def learn(self, s: Solver, force: Flat, good: Flat, load: Flat, noise: Flat, /) -> None: ...
+    def fill(self, covariance: Flat, full: Flat, share: float, result: Flat, /) -> None: ...
     # recognised.py
     def gather(
         self,
         s: Solver,
         rows: Flat,
-        left: Flat,
+        residual: Flat,
         usable: Flat,
         change: Flat,
-        errors: Flat,
-        number: int,
+        error_torques: Flat,
+        signals: int,
         memory: float,
         gram: Flat,
         /,
-    ) -> int: ...
-    def everyday(
-        self, s: Solver, unsure: Flat, before: Flat, frictions: int, unknown: float, change: Flat, /
+    ) -> int:
+        """Add the normal equations of one instant to those of a block, and return the number of rows added.
+
+        Which arguments are read and written, with shapes and units: see `recognised.gather`."""
+
+    def daily_change(
+        self, s: Solver, drift_covariance: Flat, stroke_errors: Flat, frictions: int, unknown: float, change: Flat, /
     ) -> None: ...
     def gather_block(
         self,
@@ -128,63 +150,88 @@ class Kernel(Protocol):
         rows: Flat,
         usable: Flat,
         drift: Flat,
-        unsure: Flat,
-        before: Flat,
+        drift_covariance: Flat,
+        stroke_errors: Flat,
         frictions: int,
         unknown: float,
-        errors: Flat,
-        number: int,
+        error_torques: Flat,
+        signals: int,
         memory: float,
-        left: Flat,
+        residual: Flat,
         change: Flat,
-        believed: Flat,
+        friction_drift: Flat,
         gram: Flat,
         /,
-    ) -> int: ...
-    def mislead(
+    ) -> int:
+        """Add the normal equations of one instant to those of a block of the plausibility tests (`gather`).
+
+        Which arguments are read and written, with shapes and units: see `recognised.gather_block`."""
+
+    def error_torques(
         self,
         p: Plan,
         s: Solver,
         rows: Flat,
         channels: Flat,
         load: Flat,
-        pressed: Counts,
-        presses: int,
+        force_columns: Counts,
+        forces: int,
         per_bar: Flat,
-        turned: Counts,
-        turns: int,
-        by: float,
+        joints: Counts,
+        angles: int,
+        step: float,
         values: Flat,
-        angles: Flat,
-        out: Flat,
+        angle_torques: Flat,
+        torques: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Compute the residual torque by a unit error of each signal: the sensitivity (R, H) to misleading readings.
+
+        Which arguments are read and written, with shapes and units: see `recognised.error_torques`."""
+
     def rock(
         self,
         p: Plan,
         s: Solver,
         rows: Flat,
-        left: Flat,
+        residual: Flat,
         lift: Flat,
         channels: Flat,
-        asked: int,
-        swings: float,
+        learning: int,
+        tilt_variance: float,
         share: float,
-        fits: float,
+        largest_misfit: float,
         prior: float,
-        over: Flat,
+        unexplained: Flat,
         values: Flat,
         levers: Flat,
-        state: Flat,
-        wider: Flat,
+        variances: Flat,
+        base_variance: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Compute the variance that a rocking base adds to each row (measured torque).
+
+        Which arguments are read and written, with shapes and units: see `recognised.rock`."""
+
     def turn_force(
-        self, p: Plan, channels: Flat, x: float, z: float, turned: Counts, angles: int, begin: int, out: Flat, /
+        self, p: Plan, channels: Flat, x: float, z: float, joints: Counts, angles: int, first: int, torques: Flat, /
     ) -> None: ...
-    def notice(
-        self, lift: Flat, running: Flat, size: int, prior: Flat, memory: float, errors: int, work: Flat, slopes: Flat, /
-    ) -> None: ...
+    def mass_slopes(
+        self,
+        lift_gram: Flat,
+        block_gram: Flat,
+        size: int,
+        prior: Flat,
+        memory: float,
+        errors: int,
+        work: Flat,
+        slopes: Flat,
+        /,
+    ) -> None:
+        """Compute the change of the load's mass per unit of each signal's error: the first row of A^-1 B.
+
+        Which arguments are read and written, with shapes and units: see `recognised.mass_slopes`."""
+
     # followed.py
     def certain(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
     def follow(
@@ -192,19 +239,23 @@ class Kernel(Protocol):
         a: Drift,
         number: int,
         columns: Flat,
-        left: Flat,
-        wider: Flat,
+        residual: Flat,
+        base_variance: Flat,
         factor: Flat,
         right: Flat,
         values: Flat,
         scale: Flat,
         mass: float,
-        new: Flat,
+        update: Flat,
         /,
-    ) -> None: ...
-    # heard.py
+    ) -> None:
+        """Update the drift of frictions and pressure zeros with one instant of an empty bucket.
+
+        Which arguments are read and written, with shapes and units: see `followed.follow`."""
+
+    # pressures.py
     def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
-    def sure_leaps(
+    def certain_steps(
         self,
         p: int,
         readings: Flat,
@@ -217,15 +268,20 @@ class Kernel(Protocol):
         known: float,
         least: float,
         pairs: Counts,
-        exchanges: int,
+        swaps: int,
         most: int,
-        parts: Flat,
+        products: Flat,
         misfit: Flat,
         /,
-    ) -> int: ...
+    ) -> int:
+        """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by a swap of
+        plugs, 3 either, 0 none.
+
+        Which arguments are read and written, with shapes and units: see `pressures.certain_steps`."""
+
     def group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
     def compare(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
-    def listen(
+    def update_noise(
         self,
         p: int,
         readings: Flat,
@@ -240,4 +296,7 @@ class Kernel(Protocol):
         work: Flat,
         state: Flat,
         /,
-    ) -> None: ...
+    ) -> None:
+        """Update the noise of the pressures whose cylinder moved, with one group of readings.
+
+        Which arguments are read and written, with shapes and units: see `pressures.update_noise`."""

@@ -28,8 +28,29 @@ from cylforce.estimation.kernel.restricted import (
     whole,
 )
 
-SIGNAL: Count = 11  # numbers of a signal
-SENDER: Count = 3  # numbers of a PDO, or of a node
+SIGNAL: Count = 11  # numbers of a signal, in the order of `senders.channels.Channel`:
+VALUE: Count = 0  # last accepted value [SI]; last received one while too few good values were received
+ACCEPTED_US: Count = 1  # time of the last accepted value [us]
+RECEIVED_US: Count = 2  # time of the last received value, good or not [us]
+REASON: Count = 3  # of the last received value, as a number of `Reason`
+GOOD_VALUES: Count = 4  # good values in a row
+EQUAL_VALUES: Count = 5  # equal values in a row while the machine moved
+JUMPS: Count = 6  # implausible values in a row
+JUMP: Count = 7  # difference of the last of them from the value before the step [SI]
+JUMPED_TO: Count = 8  # last implausible value [SI]
+STEPPED: Count = 9  # sum of the steps that were accepted [SI]
+SINCE_US: Count = 10  # earliest time at which the last received value was measured [us]
+SENDER: Count = 3  # numbers of a PDO, in the order of `PdoRate`, or of a node, in the order of `LastHeartbeat`:
+FRAME_US: Count = 0  # time of the PDO's last frame [us]
+SURPLUS: Count = 1  # frames beyond those of one producer
+DOUBLED_US: Count = 2  # time of the last sign of a second producer [us]
+HEARTBEAT_US: Count = 0  # time of the node's last heartbeat [us]
+NMT_STATE: Count = 1
+BOOTED: Count = 2  # 1 after a boot-up message
+UNKNOWN_FRAMES: Count = 0  # counters
+SHORT_FRAMES: Count = 1
+LONG_FRAMES: Count = 2
+LONG_US: Count = 3  # time of the last frame that was too long [us]
 NEVER: Number = -4611686018427387904.0  # us, a time before all others
 LARGEST: Number = 1.7976931348623157e308
 JUMPS_BELIEVED: Number = 100.0  # implausible values in a row after which the new level is accepted as real; chosen
@@ -64,7 +85,7 @@ class KernelInputs:
     period:        (P,) shortest period of each PDO [us]
     patience:      (P,) time without a heartbeat after which the PDO's node is lost [us]; 0: not monitored
     fastest:       (S,) fastest change of each signal [SI/s]
-    seconds:       (S,) period of each signal [s]
+    period_s:      (S,) period of each signal [s]
     noise:         (S,) noise of each signal [SI]
     late:          (S,) age above which each signal is late [us]
     turn:          (S,) change after which its values repeat [SI]; 0: never
@@ -91,7 +112,7 @@ class KernelInputs:
     period: Numbers
     patience: Numbers
     fastest: Numbers
-    seconds: Numbers
+    period_s: Numbers
     noise: Numbers
     late: Numbers
     turn: Numbers
@@ -103,7 +124,12 @@ class KernelInputs:
     arrays: object
 
     def __init__(self, counts: list[Any], numbers: list[Any]) -> None:
-        """Everything in the order of the fields; the last numbers are the four limits."""
+        """Set the constants from lists.
+
+        counts:  arrays of integers: first, signal, item, noisy, node, items
+        numbers: arrays of numbers: scale, offset, low, high, missing, period, patience, fastest, period_s, noise, late,
+                 turn, around; then one array of the limits hold, quiet, frozen, needed
+        """
         self.arrays = (counts, numbers)
         self.s, self.p = len(counts[3]), len(counts[4])
         self.first, self.signal, self.item = as_counts(counts[0]), as_counts(counts[1]), as_counts(counts[2])
@@ -111,20 +137,38 @@ class KernelInputs:
         self.scale, self.offset = as_numbers(numbers[0]), as_numbers(numbers[1])
         self.low, self.high, self.missing = as_numbers(numbers[2]), as_numbers(numbers[3]), as_numbers(numbers[4])
         self.period, self.patience = as_numbers(numbers[5]), as_numbers(numbers[6])
-        self.fastest, self.seconds, self.noise = as_numbers(numbers[7]), as_numbers(numbers[8]), as_numbers(numbers[9])
+        self.fastest, self.period_s, self.noise = as_numbers(numbers[7]), as_numbers(numbers[8]), as_numbers(numbers[9])
         self.late, self.turn, self.around = as_numbers(numbers[10]), as_numbers(numbers[11]), as_numbers(numbers[12])
         self.hold, self.quiet, self.frozen, self.needed = (numbers[13][i] for i in range(4))
+
+
+@inner
+def pdo_at(p: KernelInputs, pdo: Count) -> Count:
+    """Return the place of a PDO in the state, after the S signals."""
+    return SIGNAL * p.s + SENDER * pdo
+
+
+@inner
+def node_at(p: KernelInputs, node: Count) -> Count:
+    """Return the place of a node in the state, after the P PDOs."""
+    return SIGNAL * p.s + SENDER * p.p + SENDER * node
 
 
 def receive(
     p: KernelInputs, state: Numbers, sorts: Counts, number: Count, times: Numbers, raw: Numbers, moving: Numbers
 ) -> None:
-    """Update the `state` with a `number` of frames.
+    """Update the state of signals and producers with the frames that have been received since the last call.
 
-    sorts:  (number, 2) PDO of each frame, then -1 too short, 0 as mapped, 1 too long
-    times:  (number,) [us]
-    raw:    values of all items of each frame; none of a frame that is too short
-    moving: (S,) not 0 where an equal value means that the sensor is frozen
+    number: of frames
+
+    Read:
+    sorts:  (number, 2) PDO of each frame; then -1 if it is shorter than its mapping, 0 as long, 1 longer
+    times:  (number,) at which each was received [us]
+    raw:    values of all items of one frame after the other, not scaled; a frame that is too short has none
+    moving: (S,) 1 where a repeated value means that the sensor is frozen, else 0
+
+    Read and written:
+    state:  of signals, PDOs, nodes and counters (`layout.InputLayout`)
     """
     at = 0
     for k in range(number):
@@ -135,26 +179,39 @@ def receive(
 
 @inner
 def take_frame(
-    p: KernelInputs, state: Numbers, t_us: Number, pdo: Count, sort: Count, raw: Numbers, at: Count, moving: Numbers
+    p: KernelInputs, state: Numbers, t_us: Number, pdo: Count, sort: Count, raw: Numbers, raw_at: Count, moving: Numbers
 ) -> None:
-    """Update the state with one frame, whose items begin at `at`."""
+    """Update the state with one frame: the rate of its PDO, its signals, and the counters of wrong lengths.
+
+    t_us:   at which it was received [us]
+    pdo:    number of its PDO
+    sort:   -1 if it is shorter than its mapping, 0 as long, 1 longer
+    raw_at: place in `raw` of its first item
+
+    Read:
+    raw:    values of the items of all frames, not scaled
+    moving: (S,) 1 where a repeated value means that the sensor is frozen, else 0
+
+    Read and written:
+    state:  of signals, PDOs, nodes and counters (`layout.InputLayout`)
+    """
     paced(p, state, t_us, pdo)
-    for i in range(p.first[pdo], p.first[pdo + 1]):
-        o = SIGNAL * p.signal[i]
+    for slot in range(p.first[pdo], p.first[pdo + 1]):
+        signal = SIGNAL * p.signal[slot]
         if sort < 0:
-            state[o + 3], state[o + 4] = SHORT, 0.0
+            state[signal + REASON], state[signal + GOOD_VALUES] = SHORT, 0.0
         else:
-            judge(p, state, t_us, i, raw[at + p.item[i]], moving[p.signal[i]])
+            judge(p, state, t_us, slot, raw[raw_at + p.item[slot]], moving[p.signal[slot]])
     if sort != 0:
-        frames = SIGNAL * p.s + SENDER * p.p + SENDER * nodes(p)
-        state[frames + (1 if sort < 0 else 2)] += 1.0
+        counters = node_at(p, nodes(p))
+        state[counters + (SHORT_FRAMES if sort < 0 else LONG_FRAMES)] += 1.0
         if sort > 0:
-            state[frames + 3] = t_us
+            state[counters + LONG_US] = t_us
 
 
 @inner
 def nodes(p: KernelInputs) -> Count:
-    """Return the number of nodes."""
+    """Return the number of nodes M: one more than the largest number of a PDO's node, `p.node` (P,)."""
     found = 0
     for i in range(p.p):
         found = max(found, p.node[i] + 1)
@@ -163,176 +220,255 @@ def nodes(p: KernelInputs) -> Count:
 
 @inner
 def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
-    """Update the rate of a PDO with one more frame.
+    """Update the rate of a PDO with one more frame, and from it whether a second node sends the same PDO.
 
-    `excess` sums 1 - dt/period over the frames. For one producer it stays within the jitter, whatever the number of
+    The surplus sums 1 - dt/period over the frames. For one producer it stays within the jitter, whatever the number of
     frames; it grows by one with each frame of another. After a pause a producer may send at once the frames that waited
     while the bus or the reader was busy. Regular frames reduce this allowance again. With the first PDO after a boot, a
-    pause or a step of the clock, the heartbeat of its node is given its whole time once more."""
-    o = SIGNAL * p.s + SENDER * pdo
-    before = state[o]
-    dt = (t_us - before) / p.period[pdo]
-    state[o] = t_us
+    pause or a step of the clock, the heartbeat of its node is given its whole time once more.
+
+    t_us:  at which the frame was received [us]
+
+    Read and written:
+    state: (`layout.InputLayout`) time, surplus and time of a second producer of the PDO; heartbeat time of its node
+    """
+    o = pdo_at(p, pdo)
+    before = state[o + FRAME_US]
+    dt = (t_us - before) / p.period[pdo]  # in periods
+    state[o + FRAME_US] = t_us
     if before == NEVER or dt < 0.0:
-        state[o + 1] = 0.0
+        state[o + SURPLUS] = 0.0
     else:
-        excess = state[o + 1] + 1.0 - dt
+        surplus = state[o + SURPLUS] + 1.0 - dt
         if 0.5 <= dt <= 1.5:  # a regular frame: the nearest multiple of the period is one
-            excess = max(excess, FORGOTTEN * excess)
-        if excess > EXCESS:
-            state[o + 1], state[o + 2] = 1.0, t_us  # the next two frames of the other one are the next sign
+            surplus = max(surplus, FORGOTTEN * surplus)
+        if surplus > EXCESS:
+            # the next two frames of the other one are the next sign
+            state[o + SURPLUS], state[o + DOUBLED_US] = 1.0, t_us
         else:
-            state[o + 1] = excess
-    node = SIGNAL * p.s + SENDER * p.p + SENDER * p.node[pdo]
-    heard = state[node] != NEVER or state[node + 2] != 0.0
-    if heard and (before == NEVER or not 0.0 <= t_us - before <= p.patience[pdo]):
-        state[node] = t_us
+            state[o + SURPLUS] = surplus
+    node = node_at(p, p.node[pdo])
+    known = state[node + HEARTBEAT_US] != NEVER or state[node + BOOTED] != 0.0
+    if known and (before == NEVER or not 0.0 <= t_us - before <= p.patience[pdo]):
+        state[node + HEARTBEAT_US] = t_us
 
 
 @inner
 def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Number, moving: Number) -> None:
-    """Update a signal with one more value."""
+    """Update a signal with one received value: accept it, or store the reason why it is refused.
+
+    It is refused, in this order, if it means "no value", is not finite, is out of range, steps by more than is
+    plausible, or is the same as too many before it. A signal that was refused for longer than `p.hold` is accepted
+    again after `p.needed` good values in a row. After JUMPS_BELIEVED implausible values the new level is accepted.
+
+    t_us:   at which the value was received [us]
+    slot:   number of the value's place in its PDO (`KernelInputs`)
+    raw:    value, not scaled
+    moving: 1 where a repeated value means that the sensor is frozen, else 0
+
+    Read and written:
+    state:  (`layout.InputLayout`) the numbers of the signal, see the names above
+    """
     k = p.signal[slot]
     o, read = SIGNAL * k, raw * p.scale[slot] + p.offset[slot]
     value, largest = read, -p.missing[slot] - 1.0  # 7FFFh of a signed number is the error code of many sensors
     if raw != largest:
         value = in_range(read, p.low[slot], p.high[slot], p.around[slot])
-    seen, by = state[o + 2], leap(p, state, t_us, k, value)
-    state[o + 10] = measured_after(p, state, t_us, k)
+    received_before, by = state[o + RECEIVED_US], implausible_step(p, state, t_us, k, value)
+    state[o + SINCE_US] = measured_after(p, state, t_us, k)
     if raw == p.missing[slot] or not abs(value) <= LARGEST:
-        state[o + 2], state[o + 3], state[o + 4] = t_us, NOT_A_NUMBER, 0.0
+        state[o + RECEIVED_US], state[o + REASON], state[o + GOOD_VALUES] = t_us, NOT_A_NUMBER, 0.0
         return
     if not p.low[slot] <= value <= p.high[slot]:
-        state[o + 2], state[o + 3], state[o + 4] = t_us, OUT_OF_RANGE, 0.0
+        state[o + RECEIVED_US], state[o + REASON], state[o + GOOD_VALUES] = t_us, OUT_OF_RANGE, 0.0
         return
-    if by != 0.0 and state[o + 6] < JUMPS_BELIEVED:
-        state[o + 2], state[o + 3], state[o + 4] = t_us, JUMPED, 0.0
-        state[o + 6] += 1.0
-        state[o + 7], state[o + 8] = by, value
+    if by != 0.0 and state[o + JUMPS] < JUMPS_BELIEVED:
+        state[o + RECEIVED_US], state[o + REASON], state[o + GOOD_VALUES] = t_us, JUMPED, 0.0
+        state[o + JUMPS] += 1.0
+        state[o + JUMP], state[o + JUMPED_TO] = by, value
         return
-    equal = 0.0 if value != state[o] else state[o + 5] + moving
-    state[o + 2], state[o + 5] = t_us, equal
+    equal = 0.0 if value != state[o + VALUE] else state[o + EQUAL_VALUES] + moving
+    state[o + RECEIVED_US], state[o + EQUAL_VALUES] = t_us, equal
     if equal >= p.frozen and p.noisy[k]:
-        state[o + 3], state[o + 4] = FROZEN, 0.0
+        state[o + REASON], state[o + GOOD_VALUES] = FROZEN, 0.0
         return
-    good = state[o + 4] + 1.0 if t_us - seen <= p.hold else 1.0
-    state[o], state[o + 4], state[o + 6], state[o + 9] = value, good, 0.0, state[o + 9] + by
-    if t_us - state[o + 1] <= p.hold or good >= p.needed:
-        state[o + 1], state[o + 3], state[o + 7], state[o + 8] = t_us, GOOD, 0.0, 0.0
+    good = state[o + GOOD_VALUES] + 1.0 if t_us - received_before <= p.hold else 1.0
+    state[o + VALUE], state[o + GOOD_VALUES], state[o + JUMPS] = value, good, 0.0
+    state[o + STEPPED] += by
+    if t_us - state[o + ACCEPTED_US] <= p.hold or good >= p.needed:
+        state[o + ACCEPTED_US], state[o + REASON], state[o + JUMP], state[o + JUMPED_TO] = t_us, GOOD, 0.0, 0.0
 
 
 @inner
 def measured_after(p: KernelInputs, state: Numbers, t_us: Number, k: Count) -> Number:
-    """Return the time [us] after which a value was measured that is received now, however long it then waited for the
-    bus.
+    """Return the time [us] after which a value was measured that is received now, however long it waited for the bus.
 
     It is the time at which the value before was received. Values that follow each other in less than half a period have
-    waited, and were measured a period apart."""
-    o, period = SIGNAL * k, 1e6 * p.seconds[k]
-    if t_us - state[o + 2] > 0.5 * period:
-        return state[o + 2]
-    return min(state[o + 2], state[o + 10] + period)
+    waited, and were measured a period apart.
+
+    t_us:  now [us]
+    k:     number of the signal
+
+    Read:
+    state: (`layout.InputLayout`) of the signal's value before: when it was received and after when it was measured [us]
+    """
+    o, period_us = SIGNAL * k, 1e6 * p.period_s[k]
+    if t_us - state[o + RECEIVED_US] > 0.5 * period_us:
+        return state[o + RECEIVED_US]
+    return min(state[o + RECEIVED_US], state[o + SINCE_US] + period_us)
 
 
 @inner
-def leap(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
-    """Return the error of a value whose signal stepped by more than is plausible; 0: it did not.
+def implausible_step(p: KernelInputs, state: Numbers, t_us: Number, k: Count, value: Number) -> Number:
+    """Return by how much a value [SI] has stepped if that is more than is plausible; 0: it has not.
 
     Plausible is the fastest change times the time between two values, plus the noise. Time during which values were not
     yet accepted does not count, because the joint need not have moved then. Time that the value before may have waited
-    for the bus counts. After a step the signal continues from there, until it steps back."""
+    for the bus counts. After a step the signal continues from there, until it steps back.
+
+    t_us:  now [us]
+    k:     number of the signal
+    value: received now [SI]
+
+    Read:
+    state: (`layout.InputLayout`) of the signal: last accepted and last implausible value, and their times
+    """
     if p.fastest[k] > LARGEST:
         return 0.0
     o = SIGNAL * k
-    if state[o + 6] != 0.0:
-        by = short_way(value - state[o + 8], p.turn[k])
-        jump = state[o + 7] + (by if abs(by) > room_since(p, state, t_us, k, state[o + 2]) else 0.0)
+    if state[o + JUMPS] != 0.0:
+        by = short_way(value - state[o + JUMPED_TO], p.turn[k])
+        again = abs(by) > room_since(p, state, t_us, k, state[o + RECEIVED_US])
+        jump = state[o + JUMP] + (by if again else 0.0)
         return jump if abs(jump) > room_for(p, k, 0.0) else 0.0
-    proving = t_us - state[o + 1] > p.hold and state[o + 4] > 0.0
-    by = short_way(value - state[o], p.turn[k])
-    since = state[o + 2] if proving else state[o + 1]
+    proving = t_us - state[o + ACCEPTED_US] > p.hold and state[o + GOOD_VALUES] > 0.0  # good, not yet accepted again
+    by = short_way(value - state[o + VALUE], p.turn[k])
+    since = state[o + RECEIVED_US] if proving else state[o + ACCEPTED_US]
     return by if abs(by) > room_since(p, state, t_us, k, since) else 0.0
 
 
 @inner
 def room_since(p: KernelInputs, state: Numbers, t_us: Number, k: Count, since: Number) -> Number:
-    """Return the largest plausible change of a signal since a value that was received at `since` [us]."""
-    waited = max(0.0, since - state[SIGNAL * k + 10] - 1e6 * p.seconds[k])
+    """Return the largest plausible change [SI] of signal k from a value that was received at `since` [us] to now.
+
+    t_us:  now [us]
+
+    Read:
+    state: (`layout.InputLayout`) of the signal: time after which its last value was measured, before it waited
+    """
+    waited = max(0.0, since - state[SIGNAL * k + SINCE_US] - 1e6 * p.period_s[k])
     return room_for(p, k, 1e-6 * (t_us - since + waited))
 
 
 @inner
 def room_for(p: KernelInputs, k: Count, seconds: Number) -> Number:
-    """Return the largest plausible change of a signal in a time [s], but at least in one of its periods."""
-    return p.fastest[k] * max(seconds, p.seconds[k]) + p.noise[k]
+    """Return the largest plausible change [SI] of signal k in a time [s], but at least in one of its periods."""
+    return p.fastest[k] * max(seconds, p.period_s[k]) + p.noise[k]
 
 
-def usable(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> Count:
-    """Judge the signals at a tick, and return the number of signals that are not usable.
+def usable(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> Count:
+    """Judge the S signals at a tick, and return the number of signals that are not usable.
 
-    The last value of a signal that is late or was refused is used for `hold`; after that the signal is invalid.
+    The last value of a signal that is late or was refused is used for `p.hold`; after that the signal is not usable.
 
-    found: (2 S + 2,) value of each signal, reason why each is not usable, reason why one of them is late, number of
-           stepped signals
+    t_us:   of the tick [us]
+
+    Read:
+    state:  of signals, PDOs and nodes (`layout.InputLayout`)
+
+    Written:
+    sample: (2 S + 2,) (`layout.SampleLayout`): value of each signal [SI]; reason why each is not usable, a number of
+            `Reason`, GOOD if it is (S,); reason why one of them is late, GOOD before; number of stepped signals
     """
+    reasons, late, stepped = p.s, 2 * p.s, 2 * p.s + 1  # places in `sample`, after the values
     for k in range(p.s):
         o = SIGNAL * k
-        age, reason = t_us - state[o + 1], state[o + 3]
-        found[k], found[p.s + k] = state[o], GOOD
+        age, reason = t_us - state[o + ACCEPTED_US], state[o + REASON]
+        sample[k], sample[reasons + k] = state[o + VALUE], GOOD
         if not -p.hold <= age <= p.hold:  # a negative age: the clock was set back meanwhile
-            found[p.s + k] = STALE if reason == GOOD else reason
+            sample[reasons + k] = STALE if reason == GOOD else reason
         elif reason != GOOD or age > p.late[k]:
-            found[2 * p.s] = STALE if reason == GOOD else reason
-    distrust(p, state, t_us, found)
-    bad, found[2 * p.s + 1] = 0, 0.0
+            sample[late] = STALE if reason == GOOD else reason
+    judge_producers(p, state, t_us, sample)
+    bad, sample[stepped] = 0, 0.0
     for k in range(p.s):
-        bad += found[p.s + k] != GOOD
-        if has_leapt(p, state, k):
-            found[2 * p.s + 1] += 1.0
+        bad += sample[reasons + k] != GOOD
+        if has_stepped(p, state, k):
+            sample[stepped] += 1.0
     return bad
 
 
 @inner
-def distrust(p: KernelInputs, state: Numbers, t_us: Number, found: Numbers) -> None:
-    """Set the reasons of signals whose node was not operational and alive when its PDO came, or whose PDO another node
-    sends as well.
+def judge_producers(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> None:
+    """Set the reason of the signals of each PDO whose producer cannot be relied on.
 
-    A node whose heartbeat was never received is not judged by it."""
+    The reason is NOT_OPERATIONAL if its node was not operational, or its heartbeat was too old, when the PDO was
+    received; TWO_PRODUCERS if another node has sent the PDO within `p.quiet` [us]. A node whose heartbeat was never
+    received, or is not monitored, is not judged by it. Of two reasons the larger number remains: both of these exceed
+    those of a value.
+
+    t_us:   of the tick [us]
+
+    Read:
+    state:  of PDOs and nodes (`layout.InputLayout`)
+
+    Read and written:
+    sample: (2 S + 2,) values [SI] (S,), then their reasons (S,), numbers of `Reason`, which are set
+    """
     for i in range(p.p):
-        o = SIGNAL * p.s + SENDER * i
-        node, why = SIGNAL * p.s + SENDER * p.p + SENDER * p.node[i], GOOD
-        if state[node] != NEVER and p.patience[i] > 0.0:
-            runs = state[node + 1] == OPERATIONAL and state[o] - state[node] <= p.patience[i]
-            why = GOOD if runs else NOT_OPERATIONAL
-        if abs(t_us - state[o + 2]) < p.quiet:
+        pdo, node, why = pdo_at(p, i), node_at(p, p.node[i]), GOOD
+        if state[node + HEARTBEAT_US] != NEVER and p.patience[i] > 0.0:
+            recent = state[pdo + FRAME_US] - state[node + HEARTBEAT_US] <= p.patience[i]
+            why = GOOD if state[node + NMT_STATE] == OPERATIONAL and recent else NOT_OPERATIONAL
+        if abs(t_us - state[pdo + DOUBLED_US]) < p.quiet:
             why = TWO_PRODUCERS
-        for j in range(p.first[i], p.first[i + 1]):
-            k = p.s + p.signal[j]
-            found[k] = max(found[k], why)
+        for slot in range(p.first[i], p.first[i + 1]):
+            reason = p.s + p.signal[slot]
+            sample[reason] = max(sample[reason], why)
 
 
 @inner
-def has_leapt(p: KernelInputs, state: Numbers, k: Count) -> Count:
-    """Return whether a signal stepped and stayed there."""
-    by = state[SIGNAL * k + 9]
+def has_stepped(p: KernelInputs, state: Numbers, k: Count) -> Count:
+    """Return 1 if signal k has stepped and stayed there, else 0.
+
+    Read:
+    state: (`layout.InputLayout`) sum of the signal's steps that were accepted [SI]
+    """
+    by = state[SIGNAL * k + STEPPED]
     return 1 if by != 0.0 and abs(by) > room_for(p, k, 0.0) else 0
 
 
-def leapt(p: KernelInputs, state: Numbers, found: Numbers) -> None:
-    """Set `found` (S,) to 1 where a signal stepped and stayed there."""
+def stepped(p: KernelInputs, state: Numbers, found: Numbers) -> None:
+    """Compute which of the S signals have stepped and stayed there.
+
+    Read:
+    state: (`layout.InputLayout`)
+
+    Written:
+    found: (S,) 1 where a signal stepped, else 0
+    """
     for k in range(p.s):
-        found[k] = has_leapt(p, state, k)
+        found[k] = has_stepped(p, state, k)
 
 
-def quantise(size: Count, limits: Numbers, values: Numbers, found: Counts) -> None:
-    """Set `found` (N,) to the integers that are sent of `values` (N,): the nearest one, of two the even one.
+def quantise(size: Count, limits: Numbers, values: Numbers, sent: Counts) -> None:
+    """Compute the integers that are sent of published values: the nearest one, of two the even one.
 
-    limits: (N, 4) smallest and largest value, step, and the integer that means "no value" for values outside
+    size:   N, number of values
+
+    Read:
+    limits: (N, 4) smallest and largest value, step of one integer, and the integer that means "no value", which is sent
+            for values outside
+    values: (N,) in the unit of the limits
+
+    Written:
+    sent:   (N,) integers
     """
     for i in range(size):
-        found[i] = whole(limits[4 * i + 3])
-        if limits[4 * i] <= values[i] <= limits[4 * i + 1]:
-            steps = values[i] / limits[4 * i + 2]
+        low, high, step, missing = limits[4 * i], limits[4 * i + 1], limits[4 * i + 2], limits[4 * i + 3]
+        sent[i] = whole(missing)
+        if low <= values[i] <= high:
+            steps = values[i] / step
             below = floor(steps)
             odd, rest = below - 2.0 * floor(0.5 * below), steps - below
-            found[i] = whole(below + 1.0 if rest > 0.5 or (rest == 0.5 and odd != 0.0) else below)
+            sent[i] = whole(below + 1.0 if rest > 0.5 or (rest == 0.5 and odd != 0.0) else below)

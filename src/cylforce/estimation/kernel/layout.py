@@ -8,9 +8,20 @@ from itertools import pairwise
 import numpy as np
 
 from cylforce.estimation.kernel.drifting import DRIFT
-from cylforce.estimation.kernel.inputs import SENDER, SIGNAL
+from cylforce.estimation.kernel.inputs import ACCEPTED_US, DOUBLED_US, SENDER, SIGNAL
 from cylforce.estimation.kernel.restricted import Numbers
-from cylforce.estimation.kernel.weighed import COVARIANCE, GRAM, VALUES
+from cylforce.estimation.kernel.weighed import (
+    CENTRE,
+    CENTRE_ERROR,
+    COVARIANCE,
+    DRIFT_MOMENT,
+    GRAM,
+    MASS,
+    MASS_ERROR,
+    RIGHT,
+    SENSITIVITY,
+    VALUES,
+)
 from cylforce.signals.estimate import Array
 
 
@@ -31,7 +42,7 @@ class Sizes:
 
 
 def part(numbers: Numbers, place: slice) -> Array:
-    """Return a view of a part of a flat array."""
+    """Return a NumPy view of the part `place` of a flat array of the kernel; the numbers are not copied."""
     return np.frombuffer(numbers)[place]
 
 
@@ -45,6 +56,10 @@ class FilterLayout:
     """
 
     def __init__(self, sizes: Sizes) -> None:
+        """Compute the places for a machine of these sizes.
+
+        The state begins with the last channels (D,), the state of their low-pass (2, D) and its last outputs (3, D).
+        Then come the states of the filters of columns (3, R K) and torques (3, R), and the waiting steps (R,)."""
         d, r, k = sizes.channels, sizes.rows, sizes.columns
         self.raw = slice(0, d)
         self.smooth = slice(3 * d, 6 * d)
@@ -69,6 +84,8 @@ class RowLayout:
     """
 
     def __init__(self, sizes: Sizes) -> None:
+        """Compute the places for a machine of these sizes; the parts follow each other in the order of their names
+        below, from `slow_columns` to `speed`, with the levers (C, R) of the cylinders before `place`."""
         r, k, c = sizes.rows, sizes.columns, sizes.cylinders
         self.shape = (r, k)
         ends = np.cumsum([0, r * k, r, r * k, r, r * k, c, c * r, 2, 2, r, c]).tolist()
@@ -78,17 +95,18 @@ class RowLayout:
 
 
 class LiftLayout:
-    """Places in the numbers of a lift (`weighed.take`).
+    """Places in the state of a lift (`weighed.take`): recursive least squares of its load (m, m x, m z, J).
 
-    factor:     (4, 4) triangle R of the information R'R on the load (m, m x, m z, J)
+    factor:     (4, 4) triangle R of the information R'R on the load
     right:      (4,) right-hand side beside it
-    values:     (4,) estimate
+    values:     (4,) estimate for zero drift [kg, kg m, kg m, kg m^2]
     covariance: (4, 4) of the estimate
-    gram:       (4, P + D) with which its sensitivity to tares and drift is covariance @ gram
+    gram:       (4, P + D) sum over the rows of load columns times tare and drift columns, over the row's variance: the
+                estimate changes by -covariance @ gram per unit of tares and drift
     """
 
-    factor = slice(0, VALUES - 4)
-    right = slice(VALUES - 4, VALUES)
+    factor = slice(0, RIGHT)
+    right = slice(RIGHT, VALUES)
     values = slice(VALUES, COVARIANCE)
     covariance = slice(COVARIANCE, GRAM)
     gram = slice(GRAM, None)
@@ -101,14 +119,15 @@ class GateLayout:
     """Places in the intermediate results of R rows of an instant (`weighed.gate`).
 
     columns:  (R, 4) of the load
-    torque:   (R,) residual torque, with the drift [N m]
-    variance: (R,) of it [N^2 m^2]
+    torque:   (R,) residual torque before the drift is subtracted [N m]
+    variance: (R,) with which it is taken [N^2 m^2]
     taken:    (R,) 1 where the row is taken into the lift
     rested:   (R,) number of samples for which each row has been at rest, less those in motion since
     size:     of all numbers
     """
 
     def __init__(self, rows: int) -> None:
+        """Compute the places for R `rows`: columns (R, 4), then four parts of one number for each row."""
         self.columns = slice(0, 4 * rows)
         self.torque, self.variance, self.taken, self.rested = (slice(k * rows, (k + 1) * rows) for k in range(4, 8))
         self.size = 8 * rows
@@ -122,12 +141,17 @@ class ConclusionLayout:
     x, z:             centre of the load [m]
     x_error, z_error: standard errors of the centre [m]
     drifted:          standard error of the first moment by the drift [kg m]
-    size:             of all numbers, with the sensitivity (P + D,) of the mass
+    size:             of all numbers; the last ones are (P + D,) change of the mass per unit of each tare and drift,
+                      sign reversed
     """
 
     def __init__(self, parameters: int, drifts: int) -> None:
-        self.mass, self.error, self.x, self.z, self.x_error, self.z_error, self.drifted = range(7)
-        self.size = 7 + parameters + drifts
+        """Set the places for P `parameters` and D `drifts`; the places of single numbers are those of `weighed`."""
+        self.mass, self.error = MASS, MASS_ERROR
+        self.x, self.z = CENTRE, CENTRE + 1
+        self.x_error, self.z_error = CENTRE_ERROR, CENTRE_ERROR + 1
+        self.drifted = DRIFT_MOMENT
+        self.size = SENSITIVITY + parameters + drifts
 
 
 class DriftLayout:
@@ -143,6 +167,7 @@ class DriftLayout:
     """
 
     def __init__(self, drifts: int) -> None:
+        """Compute the places for D `drifts`; N = 5 + D unknowns: load (4), usual carry-back (1), drifts."""
         n, d = DRIFT + drifts, drifts
         ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
         self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])
@@ -159,6 +184,7 @@ class ResidualLayout:
     """
 
     def __init__(self, rows: int) -> None:
+        """Compute the places for R `rows`; the columns (R, D) of the drift follow these three parts."""
         self.torque = slice(0, rows)
         self.variance = slice(rows, 2 * rows)
         self.rest = slice(2 * rows, 3 * rows)
@@ -170,13 +196,14 @@ class SampleLayout:
     values:  (S,) values [SI]
     reasons: (S,) reason why each is not usable, as a number of `Reason`
     late:    reason why one of them is late, as a number of `Reason`
-    leapt:   number of signals that stepped
+    stepped: number of signals that stepped
     size:    of all numbers
     """
 
     def __init__(self, signals: int) -> None:
+        """Compute the places for S `signals`: values (S,), reasons (S,), then two single numbers."""
         self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
-        self.late, self.leapt = 2 * signals, 2 * signals + 1
+        self.late, self.stepped = 2 * signals, 2 * signals + 1
         self.size = 2 * signals + 2
 
 
@@ -193,14 +220,17 @@ class InputLayout:
     """
 
     def __init__(self, signals: int, pdos: int, nodes: int) -> None:
+        """Compute the places for S `signals`, P `pdos` and M `nodes`, one after the other, then the frame counters.
+
+        A signal has SIGNAL numbers, a PDO and a node have SENDER numbers each (`kernel/inputs.py`)."""
         self.signals, self.pdos, self.nodes = signals, pdos, nodes
         self._pdos = SIGNAL * signals
         self._nodes = self._pdos + SENDER * pdos
         counters = self._nodes + SENDER * nodes
         self.unknown, self.short, self.long, self.long_us, self.foreign_us = range(counters, counters + 5)
         self.size = counters + 5
-        self.arrivals = slice(1, self._pdos, SIGNAL)
-        self.second_us = slice(self._pdos + 2, self._nodes, SENDER)
+        self.arrivals = slice(ACCEPTED_US, self._pdos, SIGNAL)
+        self.second_us = slice(self._pdos + DOUBLED_US, self._nodes, SENDER)
 
     def signal(self, number: int) -> slice:
         """Return the place of a signal, in the order of `senders.Channel`."""
@@ -229,6 +259,10 @@ class ForceLayout:
     """
 
     def __init__(self, rows: int) -> None:
+        """Compute the places for R `rows`.
+
+        In front of the force are residual torque (R,) and variance of friction of unknown sign (R,). Behind its
+        covariance (2, 2) are gain (2, R) and columns of the load (R, 4)."""
         force = 2 * rows  # after the residual torque (R,) and the variance of friction of unknown sign (R,)
         self.x, self.z, self.xx, self.xz, self.zz = force, force + 1, force + 2, force + 3, force + 5
         last = 8 * rows + 6  # after the gain (2, R) and the columns of the load (R, 4)

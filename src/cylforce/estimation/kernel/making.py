@@ -60,14 +60,17 @@ def counts(values: Iterable[int]) -> Counts:
 
 
 def plan(model: Model, kind: Callable[..., KernelPlan]) -> KernelPlan:
-    """Return the plan of a model. Raises TypeError for an effect whose law the kernel does not have.
+    """Return the kernel's plan of a model: constants of its machine, of its columns and filters.
 
-    kind: class `KernelPlan` of the kernel
+    Raises TypeError for an effect whose law the kernel does not have.
+
+    kind: class `KernelPlan` of the compiled or the interpreted kernel
     """
     return kind(*_arguments(model))
 
 
 def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Numbers]]:
+    """Return the four arguments of `KernelPlan`: sizes, physics, arrays of integers, arrays of numbers."""
     machine, table = model.machine, _Table(model)
     n, c, r = machine.size, len(machine.cylinders), len(machine.rows)
     k, d = len(table.names), n + c + (6 if model.channels.inertial else 3)
@@ -101,9 +104,9 @@ def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Number
 
 
 def sensors(model: Model, kind: Callable[..., KernelSensors], most: float) -> KernelSensors:
-    """Return which signals give the channels.
+    """Return which signals give the channels: joint angles, cylinder forces, motion of the base.
 
-    kind: class `KernelSensors` of the kernel
+    kind: class `KernelSensors` of the compiled or the interpreted kernel
     most: tilt of the chassis above which samples are not used [rad]
     """
     machine, read = model.machine, model.channels
@@ -118,9 +121,19 @@ def sensors(model: Model, kind: Callable[..., KernelSensors], most: float) -> Ke
 
 
 class _Table:
-    """Places of the columns of a model's effects."""
+    """Columns of a model's effects, by their numbers among the K of the model.
+
+    names:  number of each column, by its name
+    rigid:  (3 N) of J, X, Z of each link
+    slewed: (2 N) of D_excess, E of each link; empty without slewing
+    laws:   kind and first column of each force law
+    shapes: two constants of each force law
+    rocker: (C,) of the weight of each cylinder's four-bar; -1: none
+    weight: (C,) of the weight of each cylinder; -1: none
+    """
 
     def __init__(self, model: Model) -> None:
+        """Find the columns of all effects. Raises TypeError for an effect whose law the kernel does not have."""
         self._model, machine = model, model.machine
         regressor = model.filtered.regressor
         self.names = {name: k for k, name in enumerate(regressor.names)}
@@ -138,6 +151,7 @@ class _Table:
         return self.names[name]
 
     def _take(self, effect: Effect, links: Sequence[str]) -> None:
+        """Store the columns of one effect; `links`: names of the machine's links."""
         machine, law = self._model.machine, getattr(effect, "law", effect)  # the law of a friction
         if type(law) in FORCE_LAWS:
             self.laws += [FORCE_LAWS[type(law)], self.names[effect.parameters(machine)[0].name]]
@@ -152,10 +166,10 @@ class _Table:
             self.weight = [self.names.get(f"{c.name}.cylinder", -1) for c in machine.cylinders]
 
     def used(self) -> tuple[list[int], list[int]]:
-        """Return the places row K + column that can differ from zero, and those of momentum.
+        """Return the places in a (R, K) table that can differ from zero, and those of them that have momentum.
 
-        A link moves the joints before it. A cylinder acts on the joints that it spans, and its weight also on those
-        that carry it."""
+        A place is row K + column. A link moves the joints before it. A cylinder acts on the joints that it spans, and
+        its weight also on those that carry it."""
         machine, size = self._model.machine, len(self.names)
         farthest = {k: i // 3 for i, k in enumerate(self.rigid)} | {k: i // 2 for i, k in enumerate(self.slewed)}
         farthest |= {self.names["tip.x"] + i: machine.size for i in range(3)}
@@ -173,10 +187,17 @@ class _Table:
 
 
 def _rows(machine: Machine) -> list[int]:
+    """Return (N,) the row of each joint's measured torque; -1: not measured."""
     return [machine.rows.index(j) if j in machine.rows else -1 for j in range(machine.size)]
 
 
 def _levers(machine: Machine, columns: int) -> list[int]:
+    """Return three numbers for each pair of a measured joint and a cylinder that acts on it.
+
+    The numbers are the place of the lever in a (C, N) table, the place row K + cylinder, and the cylinder.
+
+    columns: K
+    """
     found = []
     for row, joint in enumerate(machine.rows):
         for c, span in enumerate(machine.spans):
@@ -186,10 +207,12 @@ def _levers(machine: Machine, columns: int) -> list[int]:
 
 
 def _acting(model: Model) -> list[int]:
+    """Return (R, C) whether each cylinder acts on the joint of each row."""
     return [c in acting for acting in model.acting for c in range(len(model.machine.cylinders))]
 
 
 def _bodies(machine: Machine) -> list[int]:
+    """Return (C, 3) the bodies of the pins: foot; eye, or rocker and connecting link; -1 in the third: no four-bar."""
     found = []
     for cylinder in machine.cylinders:
         bodies = [body for body, _ in cylinder.linkage.pins]
@@ -198,10 +221,12 @@ def _bodies(machine: Machine) -> list[int]:
 
 
 def _pairs(points: Iterable[complex]) -> list[float]:
+    """Return x and z of each point x + i z, one after the other."""
     return [x for point in points for x in (point.real, point.imag)]
 
 
 def _pins(machine: Machine) -> list[float]:
+    """Return (C, 6) x, z of the three pins of `_bodies`, each in its body's axes [m]; 0 for a third that is absent."""
     found = []
     for cylinder in machine.cylinders:
         found += [*_pairs(local for _, local in cylinder.linkage.pins), 0.0, 0.0][:6]
@@ -209,6 +234,10 @@ def _pins(machine: Machine) -> list[float]:
 
 
 def _bars(machine: Machine) -> list[float]:
+    """Return (C, 6) the bars of each cylinder, in the order of `bodies.ROCKER_LENGTH` to `bodies.HALF_LENGTH`.
+
+    Lengths of rocker and connecting link [m], side of the rocker, eye along and across the rocker, half of the shortest
+    length of the cylinder [m]. Without a four-bar the first five are 1 and are not used."""
     found = []
     for cylinder in machine.cylinders:
         bar, half = cylinder.linkage, cylinder.length_low / 2.0
@@ -222,13 +251,17 @@ def _bars(machine: Machine) -> list[float]:
 
 
 def _stops(model: Model) -> list[float]:
+    """Return (C, 2) shortest and longest length at which each cylinder's force is used [m]."""
     low, high = model.channels.stops
     return [float(x) for pair in zip(low, high, strict=True) for x in pair]
 
 
 def _filters(model: Model) -> list[list[float]]:
-    """Return the coefficients of the filters: of the channels (b0, b1, b2, a1, a2), the columns, their start, the
-    forces and the inertia."""
+    """Return the coefficients of the filters, in the order of the plan's fields `channel` to `slow`.
+
+    A filter's coefficients are b0, b1, ..., a1, a2, ... The filters are those of the channels; of static columns and
+    torques, with its state before a first input of 1; of the momentum (first and last b), with its state settled at 1;
+    of the forces, with its state settled at 1; of the inertia."""
     slow, fast = model.filtered, model.fast
     return [
         _coefficients(model.channels.smooth),
@@ -243,4 +276,5 @@ def _filters(model: Model) -> list[list[float]]:
 
 
 def _coefficients(filter_: Filter) -> list[float]:
+    """Return b0, b1, ..., a1, a2, ... of a filter; a0 is 1."""
     return [*filter_.b, *filter_.a[1:]]

@@ -121,7 +121,15 @@ class KernelPlan:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], physics: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Everything in the order of the fields."""
+        """Set the constants from lists in the order in which `making.plan` makes them.
+
+        sizes:   n, c, r, k, d, law_size, waits, rate_slew, inertial, tip
+        physics: gravity, axis, base_x, base_z, dt
+        counts:  arrays of integers: row, acting, bodies, rigid, slewed, rocker, weight, laws, levers, used, moved, good
+        numbers: arrays of numbers: lengths, arm, pins, bars, stops, shapes; coefficients of the filters channel, mean,
+                 begun, slope, rest, quick, settled, slow; room for middle, rate, q, qd, turn, level, hinge, riders,
+                 lever, speed, pushes, momentum, static, torque
+        """
         self.arrays = (counts, numbers)
         self.n, self.c, self.r, self.k, self.d = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]
         self.law_size, self.waits, self.rate_slew, self.inertial, self.tip = (sizes[i] for i in range(5, 10))
@@ -176,7 +184,13 @@ class KernelSensors:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], most: float, counts: list[Any], areas: list[Any]) -> None:
-        """Everything in the order of the fields."""
+        """Set the constants from lists in the order in which `making.sensors` makes them.
+
+        sizes:  n, c, d, tilt_size
+        most:   largest tilt [rad]
+        counts: arrays of integers: turned, pushed, base, tilts
+        areas:  a list of one array: areas
+        """
         self.arrays = (counts, areas)
         self.n, self.c, self.d, self.tilt_size = (sizes[i] for i in range(4))
         self.most = most
@@ -186,22 +200,32 @@ class KernelSensors:
 
 
 def sense(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
-    """Compute the channels (D,) from the values of all signals, and return whether the chassis is tilted too far.
+    """Compute the channels from the values of all signals, and return how many tilts of the chassis are too large.
 
-    A joint without encoder and inclinometer keeps the angle that `into` already contains."""
+    The D channels are N joint angles [rad], C cylinder forces [N], then motion of the base: with an inertial sensor its
+    rate [rad/s] and two specific forces [m/s^2]; pitch and roll [rad], slew rate [rad/s] or angle [rad]. An
+    inclinometer measures a link's angle from the true horizontal: the angles of the joints before it and the pitch are
+    subtracted.
+
+    Read:
+    values: (S,) of all signals [SI]
+
+    Read and written:
+    into:   (D,) channels; a joint without encoder and inclinometer keeps the angle that it contains
+    """
     tilted = 0
     for i in range(p.tilt_size):
         tilted += abs(values[p.tilts[i]]) > p.most
-    o = p.n + p.c
-    for i in range(p.d - o):
-        into[o + i] = values[p.base[i]] if p.base[i] >= 0 else 0.0
-    inner_tilt = into[p.d - 3]
+    base = p.n + p.c  # place of the motion of the base
+    for i in range(p.d - base):
+        into[base + i] = values[p.base[i]] if p.base[i] >= 0 else 0.0
+    inner_tilt = into[p.d - 3]  # pitch, then the angle of the link before from the true horizontal
     for j in range(p.n):
-        encoder, inclined = p.turned[2 * j], p.turned[2 * j + 1]
+        encoder, inclinometer = p.turned[2 * j], p.turned[2 * j + 1]
         if encoder >= 0:
             into[j] = values[encoder]
-        elif inclined >= 0:
-            into[j] = values[inclined] - inner_tilt
+        elif inclinometer >= 0:
+            into[j] = values[inclinometer] - inner_tilt
         inner_tilt = inner_tilt + into[j]
     for c in range(p.c):
         into[p.n + c] = force(p, values, c)
@@ -210,8 +234,14 @@ def sense(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
 
 @inner
 def force(p: KernelSensors, values: Numbers, c: Count) -> Number:
-    """Return the force of a cylinder, p_head A_head - p_rod A_rod [N]; 0: not measured."""
-    pin, head, rod = p.pushed[3 * c], p.pushed[3 * c + 1], p.pushed[3 * c + 2]
+    """Return the force of cylinder c [N], positive when it pushes; 0 where it is not measured.
+
+    It is that of a force pin, or p_head A_head - p_rod A_rod. A rod side that is not measured has a fixed pressure.
+
+    Read:
+    values: (S,) of all signals [SI]
+    """
+    pin, head, rod = p.pushed[3 * c], p.pushed[3 * c + 1], p.pushed[3 * c + 2]  # signals; -1: not measured
     if pin >= 0:
         return values[pin]
     if head < 0:
@@ -222,11 +252,14 @@ def force(p: KernelSensors, values: Numbers, c: Count) -> Number:
 
 @inner
 def in_range(value: Number, low: Number, high: Number, turn: Number) -> Number:
-    """Return the value of a signal that repeats after a `turn` (0: never), moved by one turn where that leads into its
-    range.
+    """Return the value of a signal, moved by one turn if it is out of range and that leads into its range.
 
-    Wherever the circle of its sensor ends, the direction is then a possible one. No sensor of a circle is off by more
-    than one turn."""
+    Sensors of the same joint may begin their circle at different directions. No sensor is off by more than one turn.
+
+    value:     [SI]
+    low, high: range [SI]
+    turn:      change after which the readings repeat [SI]; 0: never
+    """
     if turn <= 0.0 or low <= value <= high:
         return value
     other = value - turn if value > high else value + turn
@@ -235,9 +268,14 @@ def in_range(value: Number, low: Number, high: Number, turn: Number) -> Number:
 
 @inner
 def short_way(by: Number, turn: Number) -> Number:
-    """Return the change of a signal that repeats after a `turn` (0: never) whose reading changed `by` so much.
+    """Return the change of a signal, the shorter way round its circle.
 
-    A sensor that passes the end of its circle continues at the other end, one turn less."""
+    A sensor that passes the end of its circle continues at the other end, one turn less. A change that is not finite is
+    returned as it is.
+
+    by:   change of the reading [SI]
+    turn: change after which the readings repeat [SI]; 0: never
+    """
     finite = by - by == 0.0
     if turn <= 0.0 or not finite or abs(by) <= 0.5 * turn:
         return by

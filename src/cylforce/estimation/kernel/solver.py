@@ -10,24 +10,55 @@ from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers
 
 @record
 class KernelSolver:
-    """Constants of R rows of K columns, of which the first P are those of the tares; C cylinders; D drifting
-    parameters; T unknowns at the tool. The limits are those of `service`, by the same names. One solver serves one
-    thread, because it has room for intermediate results.
+    """Constants of identified parameters for R rows of K columns, of which the first P are those of the tares; C
+    cylinders; D drifting frictions and pressure zeros; T unknowns at the tool (force x, z, moment). One solver serves
+    one thread, because it has room for intermediate results.
 
-    at_rest, tip, coulomb: first columns of friction at rest, of the tool and of Coulomb friction
-    loads, dry_size:    lengths of `load` and of `dry`
-    scale:              factor on the residual torque
-    scale_error:        its standard error
-    relative:           model error as a share of the residual torque
-    changing:           (D,) columns of the drift
-    load_at:            (M, 2) parameter and component of a load
-    load:               (M,) numbers of the (P, 4) table from a load to parameters that are not zero
-    values, covariance: (P,) and (P, P) of the tares
-    row_error:          (R,) of the tares [N m]
-    dry:                (C,) Coulomb friction; empty: none
-    by_load:            (C,) share of a cylinder's force by which its dry friction increases
-    prior:              (T, T) information on the force
-    places, at, many, spread, own, square, other, some: room for intermediate results
+    Numbers and columns:
+    r, k, p, c, d, t: sizes R, K, P, C, D, T
+    at_rest:      first of C columns of friction of unknown direction, at rest
+    tip:          first of three columns of force x, z and moment at the tool
+    coulomb:      first of C columns of Coulomb friction
+    loads:        M, length of `load`
+    dry_size:     length of `dry`
+    changing:     (D,) columns of the drift
+
+    Tares:
+    scale:        factor on the residual torque
+    scale_error:  standard error of `scale`
+    relative:     model error as a share of the residual torque
+    values:       (P,) tares
+    covariance:   (P, P) of the tares
+    row_error:    (R,) rms torque that the tares do not explain [N m]
+    dry:          (C,) Coulomb friction [N]; empty: none
+    by_load:      (C,) share of a cylinder's force by which its dry friction increases
+    load_at:      (M, 2) tare, and component 0 to 3 of a load (m, m x, m z, J), of each number of `load`
+    load:         (M,) numbers that are not zero of the (P, 4) table from a load to tares
+    prior:        (T, T) prior information on force and moment at the tool [1/N^2, 1/(N m)^2]
+
+    Limits of the weighing (`service.weighing`):
+    gate:         mean squared normalised innovation above which an instant does not fit the load
+    break_away:   factor on the standard error of friction at rest, for break-away friction
+    cold:         factor on the standard error of the drift, for cold oil
+    drifted:      largest variance that unknown drift adds, in variances of the row
+    memory:       consecutive samples that count as one independent sample
+    longest_rest: steps at rest after which a row is not taken into a lift
+
+    Limits of the force (`service.contact.noise`):
+    keep:         factor by which an error of the instant fades in a step
+    delay_s:      delay of the torque of inertia [s]
+    largest:      largest squared normalised residual from which the variance is learned
+    learning:     samples in which the learned variance follows
+    heaviest:     largest weight of a mass in the bucket [N]
+
+    Room for intermediate results:
+    sparse_at, sparse_x: (P + D,) places and values of the numbers of a vector that are not zero (`weighed.quadratic`)
+    nonzero:      (R, P) places of the columns of the tares that are not zero, of each row
+    nonzeros:     (R,) number of these places
+    tare_columns: (R, P) columns of the tares; also the rows of the tool
+    short_work:   (4 max(R, 4),)
+    matrix:       (max(R, 4), max(R, 4))
+    work:         as long as the longest row
     """
 
     r: Count
@@ -49,17 +80,17 @@ class KernelSolver:
     cold: Number
     drifted: Number
     memory: Number
-    patience: Number
+    longest_rest: Number
     keep: Number
-    late: Number
+    delay_s: Number
     largest: Number
     learning: Number
     heaviest: Number
     changing: Counts
     load_at: Counts
-    places: Counts
-    at: Counts
-    many: Counts
+    sparse_at: Counts
+    nonzero: Counts
+    nonzeros: Counts
     load: Numbers
     values: Numbers
     covariance: Numbers
@@ -67,37 +98,54 @@ class KernelSolver:
     dry: Numbers
     by_load: Numbers
     prior: Numbers
-    spread: Numbers
-    own: Numbers
-    square: Numbers
-    other: Numbers
-    some: Numbers
+    short_work: Numbers
+    tare_columns: Numbers
+    matrix: Numbers
+    work: Numbers
+    sparse_x: Numbers
     arrays: object
 
     def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Everything in the order of the fields."""
+        """Set the constants from lists in the order in which `solving.solver` makes them.
+
+        sizes:   r, k, p, c, d, t, at_rest, tip, coulomb
+        limits:  scale, scale_error, relative, gate, break_away, cold, drifted, memory, longest_rest, keep, delay_s,
+                 largest, learning, heaviest
+        counts:  arrays of integers: changing, load_at, sparse_at, nonzero, nonzeros
+        numbers: arrays of numbers: load, values, covariance, row_error, dry, prior, short_work, tare_columns, matrix,
+                 work, sparse_x, by_load
+        """
         self.arrays = (counts, numbers)
         self.r, self.k, self.p, self.c, self.d, self.t, self.at_rest, self.tip = (sizes[i] for i in range(8))
         self.scale, self.scale_error, self.relative, self.gate, self.break_away = (limits[i] for i in range(5))
-        self.cold, self.drifted, self.memory, self.patience = (limits[i] for i in range(5, 9))
-        self.keep, self.late, self.largest, self.learning = (limits[i] for i in range(9, 13))
+        self.cold, self.drifted, self.memory, self.longest_rest = (limits[i] for i in range(5, 9))
+        self.keep, self.delay_s, self.largest, self.learning = (limits[i] for i in range(9, 13))
         self.heaviest = limits[13]
         self.changing, self.load_at = as_counts(counts[0]), as_counts(counts[1])
-        self.places, self.at = as_counts(counts[2]), as_counts(counts[3])
-        self.many = as_counts(counts[4])
+        self.sparse_at, self.nonzero = as_counts(counts[2]), as_counts(counts[3])
+        self.nonzeros = as_counts(counts[4])
         self.load, self.values = as_numbers(numbers[0]), as_numbers(numbers[1])
         self.covariance, self.row_error = as_numbers(numbers[2]), as_numbers(numbers[3])
         self.dry, self.prior = as_numbers(numbers[4]), as_numbers(numbers[5])
-        self.spread, self.own = as_numbers(numbers[6]), as_numbers(numbers[7])
-        self.square, self.other = as_numbers(numbers[8]), as_numbers(numbers[9])
-        self.some = as_numbers(numbers[10])
+        self.short_work, self.tare_columns = as_numbers(numbers[6]), as_numbers(numbers[7])
+        self.matrix, self.work = as_numbers(numbers[8]), as_numbers(numbers[9])
+        self.sparse_x = as_numbers(numbers[10])
         self.by_load = as_numbers(numbers[11])
         self.loads, self.dry_size, self.coulomb = len(numbers[0]), len(numbers[4]), sizes[8]
 
 
 @inner
 def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
-    """Replace the lower triangle of a matrix by its Cholesky factor, of the usable rows alone."""
+    """Replace a symmetric positive definite matrix by its Cholesky factor L, of the usable rows and columns alone.
+
+    A pivot that rounding makes negative is replaced by 1e-300.
+
+    Read:
+    usable: (size,) 1 where a row can be used, else 0; the other rows and columns are unchanged
+
+    Read and written:
+    matrix: (size, size), of which only the lower triangle is used
+    """
     for i in range(size):
         for j in range(i + 1):
             if usable[i] != 0.0 and usable[j] != 0.0:
@@ -109,29 +157,53 @@ def factor(matrix: Numbers, size: Count, usable: Numbers) -> None:
 
 
 @inner
-def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
-    """Compute x <- L^-1 x of the usable rows, 0 in the others; x begins at `o`."""
+def forward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, x_at: Count) -> None:
+    """Replace x by L^-1 x for the usable rows, and by 0 in the others.
+
+    Read:
+    matrix: (size, size), whose lower triangle is the Cholesky factor L of the usable rows (`factor`)
+    usable: (size,) 1 where a row can be used, else 0
+
+    Read and written:
+    x:      contains the vector (size,) from `x_at` on
+    """
     for i in range(size):
-        total = x[o + i]
+        total = x[x_at + i]
         for k in range(i):
-            total -= matrix[i * size + k] * x[o + k] if usable[k] != 0.0 else 0.0
-        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
+            total -= matrix[i * size + k] * x[x_at + k] if usable[k] != 0.0 else 0.0
+        x[x_at + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
 
 
 @inner
-def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, o: Count) -> None:
-    """Compute x <- L'^-1 x of the usable rows, 0 in the others; x begins at `o`."""
+def backward(matrix: Numbers, size: Count, usable: Numbers, x: Numbers, x_at: Count) -> None:
+    """Replace x by L'^-1 x for the usable rows, and by 0 in the others.
+
+    Read:
+    matrix: (size, size), whose lower triangle is the Cholesky factor L of the usable rows (`factor`)
+    usable: (size,) 1 where a row can be used, else 0
+
+    Read and written:
+    x:      contains the vector (size,) from `x_at` on
+    """
     for i in range(size - 1, -1, -1):
-        total = x[o + i]
+        total = x[x_at + i]
         for k in range(i + 1, size):
-            total -= matrix[k * size + i] * x[o + k] if usable[k] != 0.0 else 0.0
-        x[o + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
+            total -= matrix[k * size + i] * x[x_at + k] if usable[k] != 0.0 else 0.0
+        x[x_at + i] = total / matrix[i * size + i] if usable[i] != 0.0 else 0.0
 
 
 @inner
-def invert(matrix: Numbers, size: Count, into: Numbers, o: Count) -> None:
-    """Write the inverse of a positive definite matrix, of which the lower triangle is given, to the place `o` of
-    `into`."""
+def invert(matrix: Numbers, size: Count, inverse: Numbers, inverse_at: Count) -> None:
+    """Compute the inverse of a symmetric positive definite matrix by its Cholesky factor L, column by column.
+
+    A pivot that rounding makes negative is replaced by 1e-300.
+
+    Read and destroyed:
+    matrix:  (size, size), of which only the lower triangle is used; it is replaced by L
+
+    Written:
+    inverse: gets the whole inverse (size, size) from `inverse_at` on; it may be another part of the array `matrix`
+    """
     for i in range(size):
         for j in range(i + 1):
             total = matrix[i * size + j]
@@ -139,13 +211,13 @@ def invert(matrix: Numbers, size: Count, into: Numbers, o: Count) -> None:
                 total -= matrix[i * size + k] * matrix[j * size + k]
             matrix[i * size + j] = sqrt(max(total, 1e-300)) if i == j else total / matrix[j * size + j]
     for column in range(size):
-        for i in range(size):
+        for i in range(size):  # L^-1 of a column of the unit matrix
             total = 1.0 if i == column else 0.0
             for k in range(i):
-                total -= matrix[i * size + k] * into[o + k * size + column]
-            into[o + i * size + column] = total / matrix[i * size + i]
-        for i in range(size - 1, -1, -1):
-            total = into[o + i * size + column]
+                total -= matrix[i * size + k] * inverse[inverse_at + k * size + column]
+            inverse[inverse_at + i * size + column] = total / matrix[i * size + i]
+        for i in range(size - 1, -1, -1):  # L'^-1 of that
+            total = inverse[inverse_at + i * size + column]
             for k in range(i + 1, size):
-                total -= matrix[k * size + i] * into[o + k * size + column]
-            into[o + i * size + column] = total / matrix[i * size + i]
+                total -= matrix[k * size + i] * inverse[inverse_at + k * size + column]
+            inverse[inverse_at + i * size + column] = total / matrix[i * size + i]

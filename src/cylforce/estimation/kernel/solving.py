@@ -18,16 +18,32 @@ ZERO = array("d", [0.0])
 
 
 class Limits(NamedTuple):
-    """Limits of the service, by the names that they have there; 1 where a caller does not use one."""
+    """Limits of the service that the kernel uses; 1 where a caller does not use one.
+
+    Weighing (`service.weighing`):
+    gate:         mean squared normalised innovation above which an instant does not fit the load
+    break_away:   factor on the standard error of friction at rest, for break-away friction
+    cold:         factor on the standard error of the drift, for cold oil
+    drifted:      largest variance that unknown drift adds, in variances of the row
+    memory:       consecutive samples that count as one independent sample
+    longest_rest: steps at rest after which a row is not taken into a lift
+
+    Force at the tool (`service.contact.noise`):
+    keep:         factor by which an error of the instant fades in a step
+    delay_s:      delay of the torque of inertia [s]
+    largest:      largest squared normalised residual from which the variance is learned
+    learning:     samples in which the learned variance follows
+    heaviest:     largest weight of a mass in the bucket [N]
+    """
 
     gate: float = 1.0
     break_away: float = 1.0
     cold: float = 1.0
     drifted: float = 1.0
     memory: float = 1.0
-    patience: float = 1.0
+    longest_rest: float = 1.0
     keep: float = 1.0
-    late: float = 1.0
+    delay_s: float = 1.0
     largest: float = 1.0
     learning: float = 1.0
     heaviest: float = 1.0
@@ -45,9 +61,10 @@ def solver(
 ) -> KernelSolver:
     """Return the kernel's solver of a model with its tares.
 
-    kernel: form of the kernel
+    kernel: form of the kernel, compiled or interpreted
     limits: of the service
-    prior:  (T, T) information on force and moment at the tool; None: none, T = 3
+    prior:  (T, T) prior information on the force x, z [1/N^2] and moment [1/(N m)^2] at the tool; T = 3, or 2 without
+            the moment; None: no information, T = 3
     """
     rows, size, tools = len(model.machine.rows), len(model.parameters), 3 if prior is None else len(prior)
     cylinders, drifts = len(model.machine.cylinders), len(model.changing)
@@ -77,15 +94,15 @@ def solver(
 
 
 def room(size: int) -> Numbers:
-    """Return an array for results of the kernel."""
+    """Return an array of `size` zeros, for results of the kernel."""
     return ZERO * size
 
 
 def listed(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return an interpreted function for arrays.
+    """Return an interpreted function of the kernel that also takes NumPy arrays.
 
-    It takes their numbers as lists, which are read several times faster. Where the function writes, its argument must
-    be an array of the kernel, which is passed as it is."""
+    NumPy arrays are passed as lists, which the interpreter reads several times faster. An argument that the function
+    writes must be an array of the kernel (`array.array`), which is passed as it is: a list would be a copy."""
 
     def called(*arguments: Any) -> Any:  # noqa: ANN401 - what the function takes and gives
         return function(*[plain(each) for each in arguments])

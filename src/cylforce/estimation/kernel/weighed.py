@@ -1,133 +1,198 @@
 """Residual torque of the tares, and one instant of a lift: `residual.residual`, `service.weighing` and
-`recursive.update` in plain numbers."""
+`recursive.update` in plain numbers.
+
+Sizes: R rows (measured torques), K columns of all effects, P tares, D drifting frictions and pressure zeros. A load is
+(m, m x, m z, J): mass [kg], first moments [kg m] and inertia [kg m^2] about the last pin. A lift is estimated by
+recursive least squares, whose state is one array (`LiftLayout`), with R'R the information on the load: triangle R
+(4, 4), right-hand side (4,), estimate (4,) for zero drift, its covariance (4, 4), and the gram (4, P + D), the sum of
+load columns times tare and drift columns, each over the row's variance."""
 
 from math import sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import KernelSolver
 
-VALUES: Count = 20  # first place of the values in a lift, after factor (4, 4) and right side (4,) of its information
+# Places in the state of a lift: the triangle comes first.
+RIGHT: Count = 16
+VALUES: Count = 20
 COVARIANCE: Count = 24
 GRAM: Count = 40
+# Places in the conclusion from a lift.
+MASS: Count = 0
+MASS_ERROR: Count = 1
+CENTRE: Count = 2  # x, z
+CENTRE_ERROR: Count = 4  # of x, z
+DRIFT_MOMENT: Count = 6
+SENSITIVITY: Count = 7
 
 
-def explain(s: KernelSolver, rows: Numbers, drift: Numbers, found: Numbers) -> None:
-    """Compute the residual torque of an instant.
+def explain(s: KernelSolver, rows: Numbers, drift: Numbers, residual: Numbers) -> None:
+    """Compute the residual torque of R measured torques at one instant: scale (torque - W tares - W_D drift).
 
-    rows:  columns (R, K), then torques (R,)
-    drift: (D,) values of the drift
-    found: (3 + D, R) residual torque, its variance, that of friction at rest, and the columns of the drift (R, D)
+    Of a cylinder at rest the direction of the dry friction is unknown: its whole torque is an error.
+
+    Read:
+    rows:     (R, K) columns W, of which the first P are those of the tares; then (R,) measured torques [N m]
+    drift:    (D,) changes of the frictions [N, N s/m] and pressure zeros [N] since the identification
+
+    Written:
+    residual: four parts: (R,) residual torque [N m]; (R,) its variance without friction at rest [N^2 m^2]; (R,)
+              variance of friction at rest [N^2 m^2]; (R, D) columns W_D of the drift
     """
     values, changing = s.values, s.changing
+    variances, rest_variances, drift_columns = s.r, 2 * s.r, 3 * s.r  # places of the last three parts
     for r in range(s.r):
-        o = r * s.k
-        left = rows[s.r * s.k + r]
+        row, measured = r * s.k, rows[s.r * s.k + r]
+        torque = measured
         for i in range(s.p):
-            left -= rows[o + i] * values[i]
+            torque -= rows[row + i] * values[i]
         for i in range(s.d):
-            x = rows[o + changing[i]]
-            found[3 * s.r + r * s.d + i] = x
-            left -= x * drift[i]
-        left *= s.scale
-        found[r] = left
-        found[s.r + r] = s.row_error[r] * s.row_error[r] + (s.relative * left) * (s.relative * left)
-        rest, torque = 0.0, abs(rows[s.r * s.k + r])
+            column = rows[row + changing[i]]
+            residual[drift_columns + r * s.d + i] = column
+            torque -= column * drift[i]
+        torque *= s.scale
+        residual[r] = torque
+        residual[variances + r] = s.row_error[r] * s.row_error[r] + (s.relative * torque) * (s.relative * torque)
+        friction = 0.0  # largest torque of friction of unknown direction [N m]
         for c in range(s.dry_size):
-            unknown = rows[o + s.at_rest + c]
-            if unknown != 0.0:
-                share = unknown / (abs(rows[o + s.coulomb + c]) + abs(unknown))
-                rest += unknown * s.dry[c] + share * s.by_load[c] * torque
-        found[2 * s.r + r] = rest * rest
+            resting_lever = rows[row + s.at_rest + c]  # 0 in motion
+            if resting_lever != 0.0:
+                share = resting_lever / (abs(rows[row + s.coulomb + c]) + abs(resting_lever))
+                friction += resting_lever * s.dry[c] + share * s.by_load[c] * abs(measured)
+        residual[rest_variances + r] = friction * friction
 
 
 @inner
-def quadratic(s: KernelSolver, matrix: Numbers, begin: Count, size: Count, x: Numbers, o: Count) -> Number:
-    """Return x' C x of a symmetric matrix (size, size), which begins at `begin`, and a vector, which begins at `o`; its
-    zeros are skipped."""
-    places, some, number, total = s.places, s.some, 0, 0.0
+def quadratic(s: KernelSolver, matrix: Numbers, matrix_at: Count, size: Count, x: Numbers, x_at: Count) -> Number:
+    """Return x' C x of a symmetric matrix C and a vector x; the zeros of x are skipped.
+
+    Read:
+    matrix: contains C (size, size) from `matrix_at` on
+    x:      contains x (size,) from `x_at` on
+
+    Written: `s.sparse_at` and `s.sparse_x`, places and values of the numbers of x that are not zero
+    """
+    places, values, number, total = s.sparse_at, s.sparse_x, 0, 0.0
     for i in range(size):
-        each = x[o + i]
-        if each != 0.0:
-            half, row = 0.0, begin + i * size
+        value = x[x_at + i]
+        if value != 0.0:
+            half, row = 0.0, matrix_at + i * size
             for k in range(number):
-                half += matrix[row + places[k]] * some[k]
-            total += each * (matrix[row + i] * each + 2.0 * half)
-            places[number], some[number] = i, each
+                half += matrix[row + places[k]] * values[k]
+            total += value * (matrix[row + i] * value + 2.0 * half)
+            places[number], values[number] = i, value
             number += 1
     return total
 
 
 @inner
-def loaded(s: KernelSolver, columns: Numbers, size: Count, into: Numbers) -> None:
-    """Compute the columns (R, 4) of a load, from rows of `size` columns that begin with those of the tares."""
+def loaded(s: KernelSolver, columns: Numbers, size: Count, load_columns: Numbers) -> None:
+    """Compute the torque (R, 4) of R rows per unit of a load (m, m x, m z, J).
+
+    A load adds to some of the P tares, so that its columns are sums of theirs.
+
+    Read:
+    columns:      (R, size) columns, of which the first P are those of the tares
+
+    Written:
+    load_columns: (R, 4) columns of the load [N m per kg, kg m, kg m, kg m^2]
+    """
     for r in range(s.r):
         for i in range(4):
-            into[4 * r + i] = 0.0
+            load_columns[4 * r + i] = 0.0
         for i in range(s.loads):
-            into[4 * r + s.load_at[2 * i + 1]] += columns[r * size + s.load_at[2 * i]] * s.load[i]
+            tare, component = s.load_at[2 * i], s.load_at[2 * i + 1]
+            load_columns[4 * r + component] += columns[r * size + tare] * s.load[i]
 
 
 @inner
-def shift(s: KernelSolver, lift: Numbers, drift: Numbers) -> None:
-    """Compute the load (4,) with the present drift, into `spread`: values - covariance gram_D drift."""
-    size = s.p + s.d
+def load_at_drift(s: KernelSolver, lift: Numbers, drift: Numbers, load: Numbers) -> None:
+    """Compute the load of a lift for the present drift: b = values - C G drift.
+
+    The state of a lift holds the estimate for zero drift, its covariance C (4, 4), and in the last D columns of its
+    gram the G (4, D) of the drift: the drift may change during a lift.
+
+    Read:
+    lift:  state of the lift
+    drift: (D,) present changes of frictions [N, N s/m] and pressure zeros [N]
+
+    Written:
+    load:  (8,) the load (m, m x, m z, J) [kg, kg m, kg m, kg m^2]; then G drift (4,)
+    """
+    size, by_drift = s.p + s.d, 4
     for i in range(4):
         by = 0.0
         for j in range(s.d):
             by += lift[GRAM + i * size + s.p + j] * drift[j]
-        s.spread[4 + i] = by
+        load[by_drift + i] = by
     for i in range(4):
         total = lift[VALUES + i]
-        for j in range(4):  # b = values - C gram_D drift
-            total -= lift[COVARIANCE + 4 * i + j] * s.spread[4 + j]
-        s.spread[i] = total
+        for j in range(4):
+            total -= lift[COVARIANCE + 4 * i + j] * load[by_drift + j]
+        load[i] = total
 
 
 def gate(
     s: KernelSolver,
     rows: Numbers,
-    left: Numbers,
-    wider: Numbers,
+    residual: Numbers,
+    base_variance: Numbers,
     usable: Numbers,
     rested: Numbers,
-    known: Numbers,
-    unsure: Numbers,
+    drift: Numbers,
+    drift_covariance: Numbers,
     work: Numbers,
     lift: Numbers,
 ) -> Count:
-    """Return whether an instant fits the lift: 0 no, 1 yes, 2 yes and a usable row moves.
+    """Return whether an instant fits the load of a lift: 0 no, 1 yes, 2 yes and a usable row moves.
 
-    rows:          columns (R, K) of the instant
-    left:          its residual (`explain`)
-    wider:         (R,) added to the variance of each row
-    usable:        (R,) rows that can be used
-    rested:        (R,) steps at rest of the lift
-    known, unsure: (D,) drift and (D, D) its covariance
-    work:          (8, R) results: columns of the load (R, 4), torque with the drift, variance, rows to be taken in, new
-                   steps at rest
-    lift:          numbers of the lift
+    It fits if the mean over the usable rows of innovation^2 / variance is at most `s.gate`. The innovation is the
+    residual torque less that of the load so far. Its variance is that of the row, of the load, of the drift (`s.cold`
+    standard errors, but at most `s.drifted` times the row's variance) and of friction at rest (`s.break_away` standard
+    errors). A row that has been at rest for more than `s.longest_rest` steps is not taken into the lift: its friction
+    is one unknown for the whole rest.
+
+    Read:
+    rows:             (R, K) columns; then (R,) measured torques [N m]
+    residual:         of the instant (`explain`): (R,) torque [N m], (R,) variance, (R,) variance of friction at rest
+                      [N^2 m^2], (R, D) columns of the drift
+    base_variance:    (R,) variance by a rocking base, added to that of each row [N^2 m^2]
+    usable:           (R,) 1 where a row can be used, else 0
+    rested:           (R,) steps for which each row has been at rest, less those in motion since
+    drift:            (D,) changes of frictions [N, N s/m] and pressure zeros [N] that the residual excludes
+    drift_covariance: (D, D) of the drift
+    lift:             state of the lift (`LiftLayout`)
+
+    Written:
+    work:             (8, R) (`GateLayout`): columns of the load (R, 4); torque before the drift is subtracted (R,)
+                      [N m]; variance with which it is taken (R,) [N^2 m^2]; 1 where a row is to be taken, else 0 (R,);
+                      `rested` after this instant (R,)
     """
+    load = s.short_work
     loaded(s, rows, s.k, work)
-    shift(s, lift, known)
+    load_at_drift(s, lift, drift, load)
     total, number, moving = 0.0, 0, 0
     for r in range(s.r):
-        torque, variance, rest, drifting = left[r], left[s.r + r] + wider[r], left[2 * s.r + r], 3 * s.r + r * s.d
-        by, expected = 0.0, 0.0
+        torque, variance, rest_variance = residual[r], residual[s.r + r] + base_variance[r], residual[2 * s.r + r]
+        drift_columns = 3 * s.r + r * s.d
+        by_drift, expected = 0.0, 0.0
         for i in range(s.d):
-            by += left[drifting + i] * known[i]
+            by_drift += residual[drift_columns + i] * drift[i]
         for i in range(4):
-            expected += work[4 * r + i] * s.spread[i]
-        doubt = quadratic(s, lift, COVARIANCE, 4, work, 4 * r)
-        doubt += min(s.cold * s.cold * quadratic(s, unsure, 0, s.d, left, drifting), s.drifted * variance)
-        doubt += variance + s.break_away * s.break_away * rest
-        still = rest > variance
-        steps = min(rested[r], s.patience) + 1.0 if still else max(rested[r] - 1.0, 0.0)
-        work[4 * s.r + r] = torque + s.scale * by
-        work[5 * s.r + r] = s.memory * variance + s.patience * rest
-        work[6 * s.r + r] = 1.0 if usable[r] != 0.0 and steps <= s.patience else 0.0
+            expected += work[4 * r + i] * load[i]
+        allowed = quadratic(s, lift, COVARIANCE, 4, work, 4 * r)
+        unknown_drift = s.cold * s.cold * quadratic(s, drift_covariance, 0, s.d, residual, drift_columns)
+        allowed += min(unknown_drift, s.drifted * variance)
+        allowed += variance + s.break_away * s.break_away * rest_variance
+        still = rest_variance > variance
+        steps = min(rested[r], s.longest_rest) + 1.0 if still else max(rested[r] - 1.0, 0.0)
+        work[4 * s.r + r] = torque + s.scale * by_drift
+        # consecutive samples are correlated: `memory` of them count as one, and a whole rest as one
+        work[5 * s.r + r] = s.memory * variance + s.longest_rest * rest_variance
+        work[6 * s.r + r] = 1.0 if usable[r] != 0.0 and steps <= s.longest_rest else 0.0
         work[7 * s.r + r] = steps
         if usable[r] != 0.0:
-            total += (torque - expected) * (torque - expected) / doubt
+            total += (torque - expected) * (torque - expected) / allowed
             number += 1
             if not still:
                 moving = 1
@@ -137,149 +202,242 @@ def gate(
 def take(
     s: KernelSolver,
     rows: Numbers,
-    left: Numbers,
+    residual: Numbers,
     work: Numbers,
     lift: Numbers,
 ) -> None:
-    """Update the numbers of a lift with an instant that fits.
+    """Update the state of a lift with an instant that fits, by recursive least squares.
 
-    rows, left, work: of `gate`
+    Read:
+    rows:     (R, K) columns; then (R,) measured torques [N m]
+    residual: of the instant (`explain`), of which only the columns (R, D) of the drift are used
+    work:     results of `gate` (`GateLayout`): columns of the load (R, 4), torque before the drift is subtracted (R,)
+              [N m], its variance (R,) [N^2 m^2], 1 where a row is to be taken (R,)
+
+    Read and written:
+    lift:     state of the lift (`LiftLayout`)
     """
-    size = s.p + s.d
+    size, row = s.p + s.d, s.short_work
     for r in range(s.r):
         if work[6 * s.r + r] != 0.0:
             variance = work[5 * s.r + r]
             weight = 1.0 / sqrt(variance)
             for i in range(4):
-                s.spread[i] = work[4 * r + i] * weight
-                each = work[4 * r + i] / variance
-                if each != 0.0:
-                    add(lift, GRAM + i * size, each, rows, r * s.k, s.p)
-                    add(lift, GRAM + i * size + s.p, each, left, 3 * s.r + r * s.d, s.d)
-            rotate(s, lift, work[4 * s.r + r] * weight)
+                row[i] = work[4 * r + i] * weight
+                share = work[4 * r + i] / variance
+                if share != 0.0:
+                    add(lift, GRAM + i * size, share, rows, r * s.k, s.p)
+                    add(lift, GRAM + i * size + s.p, share, residual, 3 * s.r + r * s.d, s.d)
+            rotate(row, work[4 * s.r + r] * weight, lift)
     solve_triangle(s, lift)
 
 
 def weigh_load(
     s: KernelSolver,
     rows: Numbers,
-    left: Numbers,
-    wider: Numbers,
+    residual: Numbers,
+    base_variance: Numbers,
     usable: Numbers,
     rested: Numbers,
-    known: Numbers,
-    unsure: Numbers,
+    drift: Numbers,
+    drift_covariance: Numbers,
     work: Numbers,
     lift: Numbers,
-    found: Numbers,
+    conclusion: Numbers,
 ) -> Count:
-    """Take an instant into the lift if it fits, conclude, and return whether it fits: `gate`, `take` and `conclude`."""
-    fits = gate(s, rows, left, wider, usable, rested, known, unsure, work, lift)
+    """Update the state of a lift with one instant if it fits, and compute the mass and centre of its load.
+
+    Return 0 if the instant does not fit the load so far, 1 if it does, 2 if it does and a usable row moves (`gate`).
+
+    Read:
+    rows:             (R, K) columns; then (R,) measured torques [N m]
+    residual:         of the instant (`explain`): (R,) torque [N m], (R,) variance, (R,) variance of friction at rest
+                      [N^2 m^2], (R, D) columns of the drift
+    base_variance:    (R,) variance by a rocking base, added to that of each row [N^2 m^2]
+    usable:           (R,) 1 where a row can be used, else 0
+    rested:           (R,) steps for which each row has been at rest, less those in motion since
+    drift:            (D,) changes of frictions [N, N s/m] and pressure zeros [N] that the residual excludes
+    drift_covariance: (D, D) of the drift
+
+    Read and written:
+    lift:             state of the lift (`LiftLayout`); unchanged if the instant does not fit
+
+    Written:
+    work:             (8, R) results of `gate` (`GateLayout`)
+    conclusion:       results of `conclude` (`ConclusionLayout`): mass [kg], centre [m], their errors, sensitivity
+    """
+    fits = gate(s, rows, residual, base_variance, usable, rested, drift, drift_covariance, work, lift)
     if fits != 0:
-        take(s, rows, left, work, lift)
-    conclude(s, lift, known, unsure, found)
+        take(s, rows, residual, work, lift)
+    conclude(s, lift, drift, drift_covariance, conclusion)
     return fits
 
 
-def without_load(s: KernelSolver, rows: Numbers, left: Numbers, lift: Numbers, over: Numbers, values: Numbers) -> None:
-    """Compute the torque `over` (R,) of an instant that the load of a lift does not explain either, and parameters
-    `values` (P,) of machine and load together."""
-    loaded(s, rows, s.k, s.other)
+def without_load(
+    s: KernelSolver, rows: Numbers, residual: Numbers, lift: Numbers, unexplained: Numbers, values: Numbers
+) -> None:
+    """Compute the torque of an instant that the load of a lift does not explain either, and the parameters of machine
+    and load together.
+
+    Read:
+    rows:        (R, K) columns; then (R,) measured torques [N m]
+    residual:    of the instant (`explain`), of which only the (R,) torque [N m] is used
+    lift:        state of the lift (`LiftLayout`), of which the load (4,) is used
+
+    Written:
+    unexplained: (R,) residual torque less that of the load [N m]
+    values:      (P,) tares with the load added
+    """
+    load_columns = s.work
+    loaded(s, rows, s.k, load_columns)
     for r in range(s.r):
         total = 0.0
         for i in range(4):
-            total += s.other[4 * r + i] * lift[VALUES + i]
-        over[r] = left[r] - total
+            total += load_columns[4 * r + i] * lift[VALUES + i]
+        unexplained[r] = residual[r] - total
     together(s, lift, VALUES, values)
 
 
 @inner
-def together(s: KernelSolver, load: Numbers, begin: Count, values: Numbers) -> None:
-    """Compute parameters `values` (P,) of the machine and of a load (4,), which begins at `begin`."""
+def together(s: KernelSolver, load: Numbers, load_place: Count, values: Numbers) -> None:
+    """Compute the parameters (P,) of machine and load together: the tares plus those of the load.
+
+    Read:
+    load:   contains the load (m, m x, m z, J) from `load_place` on [kg, kg m, kg m, kg m^2]
+
+    Written:
+    values: (P,) parameters
+    """
     for i in range(s.p):
         values[i] = s.values[i]
     for i in range(s.loads):
-        values[s.load_at[2 * i]] += s.load[i] * load[begin + s.load_at[2 * i + 1]]
+        tare, component = s.load_at[2 * i], s.load_at[2 * i + 1]
+        values[tare] += s.load[i] * load[load_place + component]
 
 
 @inner
-def add(into: Numbers, at: Count, times: Number, x: Numbers, o: Count, size: Count) -> None:
-    """Add `times` the vector that begins at `o` to the vector that begins at `at`."""
+def add(total: Numbers, total_at: Count, factor: Number, x: Numbers, x_at: Count, size: Count) -> None:
+    """Add `factor` x to a vector; the zeros of x are skipped.
+
+    Read:
+    x:     contains x (size,) from `x_at` on
+
+    Read and written:
+    total: contains the vector (size,) from `total_at` on
+    """
     for j in range(size):
-        if x[o + j] != 0.0:
-            into[at + j] += times * x[o + j]
+        if x[x_at + j] != 0.0:
+            total[total_at + j] += factor * x[x_at + j]
 
 
 @inner
-def rotate(s: KernelSolver, new: Numbers, observed: Number) -> None:
-    """Update the triangle with one more row, `spread` (4,) with `observed`, by Givens' rotations."""
+def rotate(row: Numbers, observed: Number, triangle: Numbers) -> None:
+    """Update a least-squares triangle of the load's four unknowns with one more row, by Givens' rotations.
+
+    observed: right-hand side of the row, over its standard error
+
+    Read and destroyed:
+    row:      (4,) coefficients of the row, over its standard error
+
+    Read and written:
+    triangle: upper triangle R (4, 4) by rows, then its right-hand side (4,)
+    """
     for i in range(4):
-        b = s.spread[i]
+        b = row[i]
         if b != 0.0:
-            a = new[5 * i]
-            size = sqrt(a * a + b * b)
-            along, across = a / size, b / size
+            a = triangle[5 * i]
+            length = sqrt(a * a + b * b)
+            cosine, sine = a / length, b / length
             for j in range(i, 4):
-                a, b = new[4 * i + j], s.spread[j]
-                new[4 * i + j], s.spread[j] = along * a + across * b, along * b - across * a
-            a = new[16 + i]
-            new[16 + i], observed = along * a + across * observed, along * observed - across * a
+                a, b = triangle[4 * i + j], row[j]
+                triangle[4 * i + j], row[j] = cosine * a + sine * b, cosine * b - sine * a
+            a = triangle[RIGHT + i]
+            triangle[RIGHT + i], observed = cosine * a + sine * observed, cosine * observed - sine * a
 
 
 @inner
-def solve_triangle(s: KernelSolver, new: Numbers) -> None:
-    """Compute estimate and covariance (R'R)^-1 from the triangle, by its inverse."""
-    inverse = s.square
+def solve_triangle(s: KernelSolver, lift: Numbers) -> None:
+    """Compute the estimate R^-1 z of a load and its covariance (R'R)^-1, from the triangle R and right-hand side z.
+
+    Read and written:
+    lift: state of the lift (`LiftLayout`); triangle (4, 4) and right-hand side (4,) are read, estimate (4,) and
+          covariance (4, 4) are written
+    """
+    inverse = s.matrix  # R^-1 (4, 4)
     for j in range(4):
         for i in range(3, -1, -1):
             total = 1.0 if i == j else 0.0
             for k in range(i + 1, j + 1):
-                total -= new[4 * i + k] * inverse[4 * k + j]
-            inverse[4 * i + j] = total / new[5 * i] if i <= j else 0.0
+                total -= lift[4 * i + k] * inverse[4 * k + j]
+            inverse[4 * i + j] = total / lift[5 * i] if i <= j else 0.0
     for i in range(4):
         total = 0.0
         for k in range(i, 4):
-            total += inverse[4 * i + k] * new[16 + k]
-        new[20 + i] = total
+            total += inverse[4 * i + k] * lift[RIGHT + k]
+        lift[VALUES + i] = total
         for j in range(4):
             total = 0.0
             for k in range(max(i, j), 4):
                 total += inverse[4 * i + k] * inverse[4 * j + k]
-            new[24 + 4 * i + j] = total
+            lift[COVARIANCE + 4 * i + j] = total
 
 
 @inner
-def sensitivity(lift: Numbers, row: Count, size: Count, start: Count, into: Numbers, at: Count) -> None:
-    """Compute a row of the covariance (4, 4) times the columns of the gram (4, size) from `start` on."""
-    o = COVARIANCE + 4 * row
-    a, b, c, d = lift[o], lift[o + 1], lift[o + 2], lift[o + 3]
-    for j in range(start, size):
+def sensitivity(lift: Numbers, component: Count, size: Count, first: Count, slopes: Numbers, slopes_at: Count) -> None:
+    """Compute how the estimate of one component of the load changes with tares and drift: C gram.
+
+    The estimate changes by minus this number per unit of each parameter.
+
+    component: of the load, 0 to 3
+    size:      P + D, number of columns of the gram
+    first:     first of these columns that is computed
+
+    Read:
+    lift:      state of the lift (`LiftLayout`): covariance C (4, 4) and gram (4, size)
+
+    Written:
+    slopes:    gets the results (size - first,) from `slopes_at` on
+    """
+    row = COVARIANCE + 4 * component
+    a, b, c, d = lift[row], lift[row + 1], lift[row + 2], lift[row + 3]
+    for j in range(first, size):
         g = GRAM + j
         total = a * lift[g] + b * lift[g + size]
-        into[at + j - start] = total + c * lift[g + 2 * size] + d * lift[g + 3 * size]
+        slopes[slopes_at + j - first] = total + c * lift[g + 2 * size] + d * lift[g + 3 * size]
 
 
-def conclude(s: KernelSolver, lift: Numbers, drift: Numbers, unsure: Numbers, found: Numbers) -> None:
-    """Compute the result of a lift with the drift `drift` (D,) and its covariance `unsure` (D, D).
+def conclude(s: KernelSolver, lift: Numbers, drift: Numbers, drift_covariance: Numbers, conclusion: Numbers) -> None:
+    """Compute mass and centre of the load of a lift, with their standard errors.
 
-    found: mass, its standard error by noise, tares, drift and scale; centre x, z of the load, their standard errors;
-           standard error of the first moment by the drift; sensitivity (P + D,) of the mass to tares and drift
+    Read:
+    lift:             state of the lift (`LiftLayout`)
+    drift:            (D,) present changes of frictions [N, N s/m] and pressure zeros [N]
+    drift_covariance: (D, D) of the drift
+
+    Written:
+    conclusion:       (`ConclusionLayout`) mass [kg]; its standard error by noise, tares, drift and scale [kg]; centre
+                      x, z of the load [m]; their standard errors by noise [m]; standard error of the first moment by
+                      the drift [kg m]; (P + D,) change of the mass per unit of each tare and drift, sign reversed
     """
-    size, d, other = s.p + s.d, s.d, s.other
-    shift(s, lift, drift)
-    sensitivity(lift, 0, size, 0, found, 7)
-    moment = 0.0
-    for i in range(1, 3):
-        sensitivity(lift, i, size, s.p, other, 0)
-        moment += quadratic(s, unsure, 0, d, other, 0)
-    mass = s.spread[0]
-    wrong = mass * s.scale_error
-    common = quadratic(s, s.covariance, 0, s.p, found, 7) + quadratic(s, unsure, 0, s.d, found, 7 + s.p)
-    found[0], found[1] = mass, sqrt(max(lift[COVARIANCE] + common + wrong * wrong, 0.0))
+    load, slopes = s.short_work, s.work
+    size, d = s.p + s.d, s.d
+    load_at_drift(s, lift, drift, load)
+    sensitivity(lift, 0, size, 0, conclusion, SENSITIVITY)
+    moment = 0.0  # variance of m x and of m z by the drift, together
+    for component in range(1, 3):
+        sensitivity(lift, component, size, s.p, slopes, 0)
+        moment += quadratic(s, drift_covariance, 0, d, slopes, 0)
+    mass = load[0]
+    by_scale = mass * s.scale_error
+    by_tares = quadratic(s, s.covariance, 0, s.p, conclusion, SENSITIVITY)
+    by_drift = quadratic(s, drift_covariance, 0, d, conclusion, SENSITIVITY + s.p)
+    variance = lift[COVARIANCE] + (by_tares + by_drift) + by_scale * by_scale
+    conclusion[MASS], conclusion[MASS_ERROR] = mass, sqrt(max(variance, 0.0))
     scale = mass if abs(mass) > 1.0 else 1.0
     for i in range(2):
-        x = s.spread[1 + i] / scale
-        a, o = 1 + i, COVARIANCE  # the row along (-x, .. 1 ..) / scale
-        error = x * x * lift[o] - 2.0 * x * lift[o + a] + lift[o + 4 * a + a]
-        found[2 + i], found[4 + i] = x, sqrt(max(error, 0.0)) / abs(scale)
-    found[6] = sqrt(max(moment, 0.0))
+        centre, moment_at = load[1 + i] / scale, 1 + i
+        # variance of (m x) / m: the row (-x, 1) / m on both sides of the covariance of (m, m x)
+        error = centre * centre * lift[COVARIANCE] - 2.0 * centre * lift[COVARIANCE + moment_at]
+        error += lift[COVARIANCE + 5 * moment_at]
+        conclusion[CENTRE + i], conclusion[CENTRE_ERROR + i] = centre, sqrt(max(error, 0.0)) / abs(scale)
+    conclusion[DRIFT_MOMENT] = sqrt(max(moment, 0.0))

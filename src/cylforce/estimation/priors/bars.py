@@ -19,8 +19,8 @@ from cylforce.mechanics.motion import motion
 from cylforce.signals.estimate import Array
 
 STEEL = 7850.0  # kg/m^3
-# m, width and thickness of a bar: 79 kg per metre; and the relative standard error of that. The bars of an excavator of
-# 20 t weigh some 75 to 110 kg per metre; those of a loader crane, by its makers' drawings, 26 and 83.
+# m, width and thickness of a bar: 79 kg per metre; and the relative standard error of that, as a fraction. The bars of
+# an excavator of 20 t weigh some 75 to 110 kg per metre; those of a loader crane, by its makers' drawings, 26 and 83.
 BAR, ERROR = 0.1, 0.5
 POSTURES = 7  # of each joint, over which the links represent the bars in the mean; chosen
 CLOSED = 0.15  # sine of the angle between rocker and link, below which a posture does not count; as in `channels`
@@ -38,26 +38,31 @@ class Guess(NamedTuple):
 
 
 def guess(cylinder: Cylinder, linkage: FourBar) -> Guess:
-    """Return the prior of a rocker's first moment: half of the link and half of the rod act at the rocker, which is a
-    bar itself."""
-    rocker, eye, section = linkage.rocker_length, linkage.eye, STEEL * BAR**2
-    rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low
+    """Return the prior of the first moment [kg m] of a four-bar's rocker about its pin, positive towards its end.
+
+    The rocker is a steel bar. Half of the connecting link acts at its end, half of the piston rod at the cylinder's
+    eye. A rocker with the eye on the other side of its pin is a second bar. The relative standard error is ERROR."""
+    rocker, eye, section = linkage.rocker_length, linkage.eye, STEEL * BAR**2  # section: kg per metre of a bar
+    rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low  # kg; area_rod: of the annulus
     far = section * (rocker / 2.0 + linkage.link_length / 2.0) * rocker
     near = rod / 2.0 * rocker + (0.0 if eye == 1.0 else section * abs(eye) * rocker**2 / 2.0)
     return Guess(far + near * eye.real, ERROR * (far + near * abs(eye)))
 
 
 def of_cylinder(cylinder: Cylinder) -> Guess:
-    """Return the prior of a cylinder's first moment, zero in the mean.
+    """Return the prior of a cylinder's first moment [kg m]: that of the barrel about the pin of its foot, less that of
+    the rod about the pin of its eye.
 
-    Barrel and rod are as long as the shortest cylinder. Each weighs as much as a rod of steel, with an error of its
-    own. About their pins they balance each other in the mean."""
-    rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low
-    return Guess(0.0, sqrt(2.0) * ERROR * rod * cylinder.length_low / 2.0)
+    Barrel and rod are each as long as the shortest cylinder, weigh as much as a steel rod of the piston rod's section,
+    and have their centre in the middle. The two moments are equal in the mean, so that the prior mean is zero. Their
+    relative standard errors ERROR are independent, so that the difference has sqrt(2) times that of one moment."""
+    section = cylinder.area_head - cylinder.area_rod  # of the piston rod: `area_rod` is the annulus on the rod's side
+    rod = STEEL * section * cylinder.length_low
+    return Guess(mean=0.0, standard_error=sqrt(2.0) * ERROR * rod * cylinder.length_low / 2.0)
 
 
 def of_bars(machine: Machine) -> tuple[Effect, ...]:
-    """Return the effects of bars and cylinders."""
+    """Return the effects of the weight of bars and cylinders that have parameters on this machine."""
     effects = (RockerWeight(), CylinderWeight())
     return tuple(e for e in effects if e.parameters(machine))
 
@@ -74,17 +79,20 @@ def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
     columns = _columns(machine, names)
     if not columns:
         return prior
-    told = [guess(c, machine.four_bars[c.name]) for c in machine.cylinders if c.name in machine.four_bars]
-    told += [of_cylinder(c) for c in machine.carried]
+    guesses = [guess(c, machine.four_bars[c.name]) for c in machine.cylinders if c.name in machine.four_bars]
+    guesses += [of_cylinder(c) for c in machine.carried]
     mean, covariance = prior.mean.copy(), prior.covariance.copy()
-    mean[columns] = [g.mean for g in told]
-    covariance[columns, columns] = [g.standard_error**2 for g in told]
+    mean[columns] = [g.mean for g in guesses]
+    covariance[columns, columns] = [g.standard_error**2 for g in guesses]
     taken = 2.0 * np.eye(len(names)) - represented(machine, names)
     return Prior(taken @ mean, taken @ covariance @ taken.T)
 
 
 def represented(machine: Machine, names: tuple[str, ...]) -> Array:
-    """Return (P, P), from parameters `names` to those with the links of a data sheet, which contain the bars."""
+    """Return the matrix (P, P) that adds the bars to the links' parameters, as a data sheet's links contain them.
+
+    names: of the P parameters, those of the links first
+    """
     sums, columns = np.eye(len(names)), _columns(machine, names)
     if columns:
         sums[: 3 * machine.size, columns] = _shares(machine)
@@ -98,11 +106,15 @@ def balanced(machine: Machine) -> frozenset[str]:
 
 
 def _columns(machine: Machine, names: tuple[str, ...]) -> list[int]:
+    """Return the numbers of the parameters of bars and cylinders among the parameters `names` (P,)."""
     return [names.index(p.name) for effect in of_bars(machine) for p in effect.parameters(machine) if p.name in names]
 
 
 def _shares(machine: Machine) -> Array:
-    """Return (3N, K), the links' (J, X, Z) that best represent a unit of each bar in all postures."""
+    """Return (3N, K): the J, X, Z of the N links that best represent a unit of each of K bars, by least squares.
+
+    The static torques of links and bars are compared in POSTURES postures of each joint, without those in which a
+    four-bar is near a dead point."""
     ranges = [np.linspace(k.angle_low, k.angle_high, POSTURES) for k in machine.links]
     theta = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, machine.size)
     still = motion(machine, theta, np.zeros_like(theta), np.zeros((len(theta), len(machine.cylinders))))

@@ -11,6 +11,7 @@ from cylforce.mechanics.machine import Link
 # Largest f; f is uniform from 0 to it. A box h deep and l long has f = h^2 / (h^2 + l^2). Arms are at most a third as
 # deep as long; a tool may be of any shape.
 ARM, TOOL = 0.1, 1.0
+FLOOR = 1.0  # kg m^2, added to both standard errors, so that neither is zero; chosen
 TILT = 0.05  # rad, standard error of t: the straight line of the pins and the bent box around it; chosen: 3 degrees
 
 
@@ -30,15 +31,32 @@ class Slewing(NamedTuple):
 
 
 def slewing(link: Link, *, tool: bool) -> Slewing:
-    """Return the centrifugal terms from the data sheet's figures and tolerances, errors propagated to first order."""
+    """Return the prior of a link's two centrifugal terms while the house slews, from the data sheet.
+
+    They are second moments about the inner pin: the excess D - J = -2 int z^2 dm = -2 (m cz^2 + f I), and the product
+    E = int x z dm = m cx cz + t I. The share f of the inertia I that lies in the link's depth is uniform from 0 to its
+    largest value, half of it in the mean. The tilt t of the long axis is 0 in the mean. The standard errors are
+    propagated to first order; the tolerances of the data sheet are standard errors.
+
+    link: mass [kg], centre of mass cx, cz [m], inertia about it [kg m^2], and the tolerance of each
+    tool: whether it is a tool, which may be of any shape; else an arm
+    """
     m, x, z, inertia = link.mass, link.cx, link.cz, link.inertia
-    share = (TOOL if tool else ARM) / 2.0
-    excess = -2.0 * (m * z**2 + share * inertia)
-    spread = share / sqrt(3.0) * inertia, share * link.inertia_error
-    deep = 2.0 * _root(z**2 * link.mass_error, 2.0 * m * z * link.centre_error, *spread)
-    parts = x * z * link.mass_error, m * x * link.centre_error, m * z * link.centre_error, TILT * inertia
-    return Slewing(excess, deep + 1.0, m * x * z, _root(*parts) + 1.0)
+    largest_share = TOOL if tool else ARM
+    share, share_error = largest_share / 2.0, largest_share / 2.0 / sqrt(3.0)
+    excess_error = 2.0 * _root_sum_of_squares(
+        z**2 * link.mass_error, 2.0 * m * z * link.centre_error, share_error * inertia, share * link.inertia_error
+    )
+    product_error = _root_sum_of_squares(
+        x * z * link.mass_error, m * x * link.centre_error, m * z * link.centre_error, TILT * inertia
+    )
+    return Slewing(
+        excess=-2.0 * (m * z**2 + share * inertia),
+        excess_error=excess_error + FLOOR,
+        product=m * x * z,
+        product_error=product_error + FLOOR,
+    )
 
 
-def _root(*parts: float) -> float:
+def _root_sum_of_squares(*parts: float) -> float:
     return sqrt(sum(part**2 for part in parts))

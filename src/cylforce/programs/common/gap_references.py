@@ -112,12 +112,14 @@ class _Seen:
         total, quiet = dict[str, float](), dict[str, float]()
         moving, idle, joints = dict[str, int](), dict[str, int](), dict[str, Mask]()
         for each, own, blocks in zip(recordings, rows, counted, strict=True):
-            name, on, moves = each.name, _of_rows(blocks, own), in_blocks(np.isfinite(own.residual)).any(axis=1)
+            name, on = each.name, _of_rows(blocks, own)
+            moves = np.any(in_blocks(np.isfinite(own.residual)), axis=1)  # (B, R) blocks in which a joint moves
             total[name] = total.get(name, 0.0) + len(on) / regressors.rows_hz
             quiet[name] = quiet.get(name, 0.0) + float(np.sum(on)) / regressors.rows_hz
-            moving[name] = moving.get(name, 0) + int(np.sum(moves.any(axis=1)))
-            idle[name] = idle.get(name, 0) + int(np.sum(moves.any(axis=1) & blocks))
-            joints[name] = joints.get(name, False) | moves[blocks].any(axis=0)
+            moving[name] = moving.get(name, 0) + int(np.sum(np.any(moves, axis=1)))
+            idle[name] = idle.get(name, 0) + int(np.sum(np.any(moves, axis=1) & blocks))
+            shown = np.any(moves[blocks], axis=0)
+            joints[name] = joints.get(name, np.zeros_like(shown)) | shown
         share = {name: 1.0 - idle[name] / max(moving[name], 1) for name in moving}
         return cls(references_of(model, recordings, rows, counted), total, quiet, share, joints)
 

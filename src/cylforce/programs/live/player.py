@@ -19,8 +19,8 @@ from cylforce.mechanics.installation import Service
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.codec import encode
 from cylforce.signals.events import Frame
+from cylforce.signals.identifiers import SYNC
 
-SYNC = 0x80
 POLL_S = 0.001
 
 

@@ -21,9 +21,9 @@ from cylforce.programs.common.play import Play
 from cylforce.signals.codec import encode
 from cylforce.signals.estimate import Array
 from cylforce.signals.events import Frame
+from cylforce.signals.identifiers import SYNC
 from cylforce.simulation.sensing import Record, as_sent
 
-SYNC = 0x80
 STILL_S = 1.0  # at rest after the last sensor has become operational
 LINGER_S = 2.0  # at rest after the run, so that the daemon ends on good samples
 EVENT_POLL_S, HEARTBEAT_POLL_S = 0.001, 0.01  # resolution of event timers, which is their jitter; of all else

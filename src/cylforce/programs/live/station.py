@@ -25,6 +25,7 @@ from cylforce.service.commands import Answer
 from cylforce.service.publication import Encoders, timetable
 from cylforce.signals.estimate import Estimate
 from cylforce.signals.events import Event, Frame, Tick
+from cylforce.signals.identifiers import SDO_REQUEST
 
 _CODE = PROTECTION.to_bytes(2, "little") + bytes([CODE])
 OVERRUN = 0xFF31  # EMCY code (manufacturer's): the loop was late
@@ -212,7 +213,7 @@ class Station:
 
 def without_code(frame: Frame, node_id: int) -> Frame:
     """Return the frame for the log, in which an unlocking code is replaced by 0."""
-    if frame.can_id != 0x600 + node_id or frame.data[1:4] != _CODE or frame.data[0] & 0xE0 != 0x20:
+    if frame.can_id != SDO_REQUEST + node_id or frame.data[1:4] != _CODE or frame.data[0] & 0xE0 != 0x20:
         return frame
     return frame._replace(data=frame.data[:4] + bytes(len(frame.data) - 4))
 

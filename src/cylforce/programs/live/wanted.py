@@ -7,8 +7,7 @@ from cylforce.canopen import j1939
 from cylforce.mechanics.installation import Service
 from cylforce.service.senders.supervision import Supervisor
 from cylforce.signals.events import EXACTLY
-
-_NMT, _SYNC, _EMERGENCY, _ANSWER, _REQUEST, _HEARTBEAT = 0, 0x80, 0x80, 0x580, 0x600, 0x700
+from cylforce.signals.identifiers import EMCY, HEARTBEAT, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC
 
 
 def wanted(service: Service, subscribed: Iterable[int] = ()) -> tuple[Filter, ...]:
@@ -16,9 +15,9 @@ def wanted(service: Service, subscribed: Iterable[int] = ()) -> tuple[Filter, ..
 
     subscribed: further identifiers that the node needs (1016h may have been changed)
     """
-    found = {_NMT, _SYNC, _REQUEST + service.node_id, *Supervisor(service).ours, *subscribed}
+    found = {NMT, SYNC, SDO_REQUEST + service.node_id, *Supervisor(service).ours, *subscribed}
     for node in service.nodes:
-        found |= {base + node.node_id for base in (_EMERGENCY, _ANSWER, _HEARTBEAT)}
+        found |= {base + node.node_id for base in (EMCY, SDO_RESPONSE, HEARTBEAT)}
         found |= {pdo.can_id for pdo in node.pdos}
     exact = tuple((can_id, EXACTLY) for can_id in sorted(found) if can_id <= 0x7FF)
     return exact + (() if service.j1939_address is None else j1939.filters())

@@ -27,6 +27,10 @@ class CarriedConstants(Constants):
     """
 
     def __init__(self, machine: Machine, kernel: Kernel | None = None) -> None:
+        """Compute the load of a full bucket, a rated payload in the middle of its reach.
+
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         self.kernel = kernel or choice.chosen()
         rated, middle = machine.rated_payload, machine.payload_reach / 2.0
         self.full = numbers([rated, rated * middle, 0.0, rated * middle**2])
@@ -59,19 +63,19 @@ class CarriedFilter(Estimator):
         """Discard the load after an interruption of the measurement."""
         self.values, self.weighed, self.filling, self.known = ZERO * 4, self.constants.before, 0.0, False
 
-    def update(self, lift: Lift | None, dt: float, *, touching: bool) -> None:
+    def update(self, lift: Lift | None, dt: float, *, in_contact: bool) -> None:
         """Update the load with one instant.
 
-        lift:     of the load in the bucket; None: no load is weighed
-        dt:       length of the instant [s]
-        touching: whether the tool is in contact
+        lift:       of the load in the bucket; None: no load is weighed
+        dt:         length of the instant [s]
+        in_contact: whether the tool is in contact
         """
-        self.known = lift is not None and not touching
-        if lift is not None and not touching:
+        self.known = lift is not None and not in_contact
+        if lift is not None and not in_contact:
             self.values, self.weighed = lift.numbers[LIFT.values], lift.numbers[LIFT.covariance]
             self.filling = 0.0
         else:
-            self.filling += dt * touching
+            self.filling += dt * in_contact
 
     @property
     def covariance(self) -> Numbers:

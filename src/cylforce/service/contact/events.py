@@ -15,7 +15,7 @@ from cylforce.signals.contact import KEPT, ContactEvent, EventKind
 BEGINS = 64.0  # f' (C + e e')^-1 f at which contact begins: 8 standard errors, e: error of the force by its latency
 ENDS = 12.0  # f' C^-1 f below which there is no contact: 99.8 % of the noise
 ENDING_S = 0.1  # s for which it must stay there
-SMALLEST = 0.005  # times the rated force: a smaller one is no contact
+NO_CONTACT_BELOW = 0.005  # times the rated force: a smaller one is no contact
 RISE_S = 0.1  # s over which the rise of the force is measured
 STIFF = 2e5  # N/m: rise of the force over the path of the teeth that is no soil; measured in soils: up to 5e4
 JUMP = 0.05  # times the rated force: smallest rise that is a stiff object
@@ -35,7 +35,7 @@ class ContactConstants(Constants):
     """
 
     def __init__(self, rated_force: float, dt: float) -> None:
-        self.smallest, self.jump, self.dt = SMALLEST * rated_force, JUMP * rated_force, dt
+        self.smallest, self.jump, self.dt = NO_CONTACT_BELOW * rated_force, JUMP * rated_force, dt
         self.window = max(2, round(RISE_S / dt))
 
 
@@ -47,7 +47,7 @@ class ContactDetector(Estimator):
     or dumping it, is not mistaken for contact.
 
     constants:   limits
-    touching:    whether the tool is in contact
+    in_contact:  whether the tool is in contact
     away:        time since the force last exceeded the limit ENDS [s]
     seconds:     time since contact began [s]
     path:        of the teeth since contact began [m]
@@ -60,7 +60,7 @@ class ContactDetector(Estimator):
     """
 
     constants: ContactConstants
-    touching: bool
+    in_contact: bool
     away: float
     seconds: float
     path: float
@@ -76,7 +76,7 @@ class ContactDetector(Estimator):
         """Return the state before any force."""
         return cls(
             constants,
-            touching=False,
+            in_contact=False,
             away=0.0,
             seconds=0.0,
             path=0.0,
@@ -90,7 +90,7 @@ class ContactDetector(Estimator):
 
     def interrupt(self) -> None:
         """Discard all but the events after an interruption of the measurement."""
-        self.touching, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
+        self.in_contact, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
         self.since_stiff, self.course = AGAIN_S, NO_COURSE
         self.forces, self.paths = ZERO * (self.constants.window + 1), ZERO * (self.constants.window + 1)
 
@@ -99,18 +99,26 @@ class ContactDetector(Estimator):
     ) -> None:
         """Update contact and events with one instant.
 
+        The clearness of a force is f' C^-1 f of the force f (without the weight of a mass in the bucket) with
+        covariance C: its squared ratio to its standard error. A contact begins with a clearness above BEGINS and a
+        force that is large enough. It ends when the clearness has stayed below ENDS for ENDING_S. Only a beginning is
+        judged with the error by latency, because a sharp start of the arm resembles a force until the delayed torque of
+        inertia follows. The clearness without that error is the larger one; it is compared first, because it is known
+        already.
+
         t_us:     time [us]
-        force:    at the tool
+        force:    at the tool: components forwards and upwards [N], clearness, weight [N] of the mass in the bucket that
+                  explains most of the force (positive; it acts downwards, so that it is added to z to remove it)
         late:     error (x, z) of the force by its latency [N]
         place:    of the teeth, x + i z [m]
-        velocity: of the teeth [m/s]
+        velocity: of the teeth [m/s], complex like the place
         """
         dt, way = self.constants.dt, abs(velocity) * self.constants.dt
         del self.forces[0], self.paths[0]
         self.forces.append(hypot(force.x, force.z))
         self.paths.append(self.paths[-1] + way)
         self.since_stiff = min(self.since_stiff + dt, AGAIN_S)
-        if self.touching:
+        if self.in_contact:
             self.away = self.away + dt if force.clearness < ENDS else 0.0
             self.seconds += dt
             self.path += way
@@ -121,22 +129,31 @@ class ContactDetector(Estimator):
                 self._check_slope(t_us, place)
             return
         self.seconds = self.path = 0.0
-        large = hypot(force.x, force.z + force.weight) > self.constants.smallest
+        large = hypot(force.x, force.z + force.weight) > self.constants.smallest  # without the weight in the bucket
         if force.clearness > BEGINS and large:
             self._begin(t_us, clearness(force, late), place)
 
     def _begin(self, t_us: int, clear: float, place: complex) -> None:
         if clear > BEGINS:
-            self.touching, self.away, self.course = True, 0.0, NO_COURSE
+            self.in_contact, self.away, self.course = True, 0.0, NO_COURSE
             self._note(EventKind.CONTACT_BEGINS, t_us, place, probably(sqrt(clear), sqrt(BEGINS), 1.0))
 
     def _end(self, t_us: int, force: SolvedForce, place: complex) -> None:
         kind = EventKind.SOIL_LEFT if self.path > DUG_M else EventKind.CONTACT_ENDS
-        self.touching, self.away = False, 0.0
+        self.in_contact, self.away = False, 0.0
         self._note(kind, t_us, place, probably(sqrt(BEGINS) - sqrt(force.clearness), sqrt(BEGINS), 1.0))
 
     def _check_stiffness(self, t_us: int, force: SolvedForce, place: complex) -> None:
-        """Report a stiff object where the force rises over the path of the teeth more than in any soil."""
+        """Report a stiff object where the force rises over the path of the teeth more than in any soil.
+
+        Force [N] and path [m] are compared over the last window of samples. The rise must exceed the jump that counts,
+        and STIFF [N/m] times the path; the teeth must move, and have gone INSIDE_M since the contact began. After a
+        report there is none for AGAIN_S.
+
+        t_us:  time [us]
+        force: at the tool, whose covariance gives the error of the rise
+        place: of the teeth, x + i z [m]
+        """
         rise, path = self.forces[-1] - self.forces[0], self.paths[-1] - self.paths[0]
         enough = rise > self.constants.jump and path > CRAWL_M and self.path > INSIDE_M
         if not (enough and rise > STIFF * path and self.since_stiff >= AGAIN_S):

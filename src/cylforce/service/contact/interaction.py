@@ -8,7 +8,7 @@ from typing import Self
 from cylforce.estimation.kernel.functions import Kernel
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.residual import SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW
 from cylforce.service.contact.carried import CarriedConstants, CarriedFilter
 from cylforce.service.contact.events import ContactConstants, ContactDetector
 from cylforce.service.contact.lateness import Lateness, RecentForces, no_forces
@@ -19,11 +19,12 @@ from cylforce.service.pipeline import Instant
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.estimate import Array, Force, Reason, invalid_force
 from cylforce.signals.units import STANDARD_GRAVITY
+from cylforce.signals.value_class import value_class
 
 STILL = 0.005  # m/s of a cylinder below which no noise is learned from its rows; chosen
 
 
-@dataclass(frozen=True, slots=True)
+@value_class
 class Forces:
     """Forces of an instant.
 
@@ -53,10 +54,18 @@ class ForceConstants(Constants):
     def __init__(
         self, model: Model, tares: Tares, rated_force: float, delay_s: float, kernel: Kernel | None = None
     ) -> None:
+        """Compute the constants.
+
+        model:       of the machine
+        tares:       identified parameters of the empty machine
+        rated_force: largest force that can be published [N]
+        delay_s:     delay of a published force behind the true one [s]
+        kernel:      form of the kernel; None: the compiled one if there is one
+        """
         self.sensor = ForceSensor(tares, rated_force)
         self.published = Lateness(delay_s, model.fast.dt)
         self.filtered = Lateness(model.fast.delay, model.fast.dt)
-        self.lightest = SMALLEST * model.machine.rated_payload
+        self.lightest = EMPTY_BELOW * model.machine.rated_payload
         self.acting = tuple(tuple(acting) for acting in model.acting)
         self.dt = 1.0 / model.filters.rate_hz
         self.noise = NoiseConstants(model, tares, rated_force, kernel)
@@ -116,11 +125,11 @@ class ForceEstimator(Estimator):
             nothing = invalid_force(Reason.DEAD_POINT)
             return Forces(nothing, nothing)
         c, carried, contact = self.constants, self.carried, self.contact
-        carried.update(lift, c.dt, touching=contact.touching)
+        carried.update(lift, c.dt, in_contact=contact.in_contact)
         solved = self.noise.solve(instant, usable, carried.values, drift, undetected)
         late = c.filtered.error(self.recent, solved.x, solved.z)
         contact.update(t_us, solved, late, instant.place, instant.velocity)
-        if carried.known and not contact.touching:
+        if carried.known and not contact.in_contact:
             self.noise.learn(solved, carried.values, self._moving(usable, instant.speed))
         forces = self._forces(solved, c.published.error(self.recent, solved.x, solved.z))
         self.recent.keep(solved.x, solved.z, c.published.steps)
@@ -135,12 +144,12 @@ class ForceEstimator(Estimator):
 
         late: error (x, z) of the forces by their latency [N]
         """
-        c, carried, touching = self.constants, self.carried, self.contact.touching
+        c, carried, in_contact = self.constants, self.carried, self.contact.in_contact
         hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
-        acts = bool(touching or abs(hanging) > c.lightest)
-        loaded = carried.known or touching
+        acts = bool(in_contact or abs(hanging) > c.lightest)
+        loaded = carried.known or in_contact
         resultant, soil = self.noise.show(solved, carried.values, carried.covariance, late, loaded=loaded)
-        return Forces(c.sensor.force(resultant, acts, late), c.sensor.force(soil, touching, late))
+        return Forces(c.sensor.force(resultant, acts, late), c.sensor.force(soil, in_contact, late))
 
     def _moving(self, usable: Numbers, speed: Numbers) -> Numbers:
         """Return for each row (R,) 1 where it is usable and a cylinder of it moves, else 0."""

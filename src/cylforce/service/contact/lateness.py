@@ -37,7 +37,13 @@ class Lateness:
         self.share = delay_s / (self.steps * dt)
 
     def error(self, recent: "RecentForces", x: float, z: float) -> tuple[float, float]:
-        """Return the error (x, z) [N] of the force `x`, `z` [N], from the `recent` forces."""
+        """Return the error (x, z) [N] of a force by its latency: its change over the last steps times `share`.
+
+        It is zero before the second force.
+
+        recent: forces of the last steps, without this one
+        x, z:   this force, forwards and upwards [N]
+        """
         if not recent.x:
             return 0.0, 0.0
         first = max(len(recent.x) - self.steps, 0)

@@ -62,13 +62,18 @@ class NoiseConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, rated_force: float, kernel: Kernel | None = None) -> None:
+        """Compute the constants; times in seconds become factors and numbers of steps.
+
+        rated_force: largest force that can be published, the prior standard error of a force [N]
+        kernel:      form of the kernel; None: the compiled one if there is one
+        """
         self.kernel, rows = kernel or choice.chosen(), len(model.machine.rows)
         self.layout = ForceLayout(rows)
         self.size = rows**2 + len(model.machine.cylinders)
         rate_hz = model.filters.rate_hz
         keep = float(np.exp(-1.0 / (FADING_S * rate_hz)))
         heaviest = HEAVIEST * model.machine.rated_payload * STANDARD_GRAVITY
-        limits = Limits(keep=keep, late=LATE_S, largest=LARGEST, learning=LEARNING_S * rate_hz, heaviest=heaviest)
+        limits = Limits(keep=keep, delay_s=LATE_S, largest=LARGEST, learning=LEARNING_S * rate_hz, heaviest=heaviest)
         self.solver = solver(model, tares, self.kernel, limits, prior(model.machine, rated_force))
         learned = np.broadcast_to((PRIOR * tares.row_error) ** 2, (rows,))
         self.learned = array("d", learned.tolist())

@@ -41,6 +41,13 @@ class BaseConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
+        """Compute the constants; times in seconds become numbers of steps.
+
+        The second difference of three mean pitches has 1 + 4 + 1 = 6 times the variance of one of them, which is that
+        of the sensor over the number of steps.
+
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         self.inertial, self.kernel, rate_hz = model.channels.inertial, kernel or choice.chosen(), model.filters.rate_hz
         self.lag = max(round(LAG_SECONDS * rate_hz), 1)
         self.lag_s, self.share = self.lag / rate_hz, self.lag / (MEMORY_SECONDS * rate_hz)
@@ -97,12 +104,21 @@ class BaseFilter(Estimator):
         self.total += channels[-3]
         self.number += 1
         if self.number >= self.constants.lag:
-            self._look(residual, channels, lift, usable)
+            self._learn(residual, channels, lift, usable)
         if self.wider:
             residual.wider = self.wider
 
-    def _look(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
-        """Update the accelerations from a mean pitch, and from the torques that a settled load does not explain."""
+    def _learn(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
+        """Update the variances of the accelerations, and the variance that they add to each row.
+
+        They follow from a mean pitch of the last steps and, if all rows are usable, from the torques that a settled
+        load does not explain (`recognised.rock`).
+
+        residual: of the instant, after tares and drift
+        channels: (D,), of which the last three are pitch, roll [rad] and slew rate
+        lift:     before this instant
+        usable:   (R,) 1 where a row can be used
+        """
         c, rows = self.constants, len(usable)
         self._tilt()
         swings = PIN_HEIGHT**2 * max(self.turning - c.noise, 0.0)
@@ -116,7 +132,9 @@ class BaseFilter(Estimator):
         self.wider = wider
 
     def _tilt(self) -> None:
-        """Append one mean pitch; three mean pitches give an angular acceleration."""
+        """Append the mean pitch of the last steps; three mean pitches give one angular acceleration.
+
+        The average `turning` of its square moves towards it by `share`."""
         self.pitches = (*self.pitches, self.total / self.number)[-3:]
         self.total, self.number = 0.0, 0
         if len(self.pitches) == 3:

@@ -24,27 +24,27 @@ class LastBucket:
 class Cycle(Estimator):
     """Working cycle.
 
-    begun_us:   time at which it began [us]; 0: it has not
-    contact_us: time in contact [us]
-    peak:       largest soil force [N]
-    seen_us:    time of the last estimate [us]
+    begun_us:    time at which it began [us]; 0: it has not
+    contact_us:  time in contact [us]
+    peak:        largest soil force [N]
+    measured_us: time of the last estimate [us]
     """
 
     begun_us: int = 0
     contact_us: int = 0
     peak: float = 0.0
-    seen_us: int = 0
+    measured_us: int = 0
 
     def update(self, estimate: Estimate) -> None:
         """Update the cycle with one estimate."""
         t_us, force = estimate.t_us, estimate.soil.magnitude
         self.begun_us = self.begun_us or t_us
         if force.status is not Status.INVALID and force.reason is not Reason.NO_CONTACT:
-            self.contact_us += t_us - (self.seen_us or t_us)
+            self.contact_us += t_us - (self.measured_us or t_us)
             self.peak = max(self.peak, force.value)
-        self.seen_us = t_us
+        self.measured_us = t_us
 
     @property
     def figures(self) -> LastBucket:
         """Figures of the cycle up to the last estimate."""
-        return LastBucket(1e-6 * (self.seen_us - self.begun_us), 1e-6 * self.contact_us, self.peak)
+        return LastBucket(1e-6 * (self.measured_us - self.begun_us), 1e-6 * self.contact_us, self.peak)

@@ -18,7 +18,7 @@ from cylforce.signals.estimate import Array
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class SpillCheck:
     """Instant at which the lift was examined for a spill.
 
     moving: number of samples in motion before this instant
@@ -39,7 +39,7 @@ class Lift(Estimator):
     moving:  number of samples in motion
     rested:  (R,) number of samples for which each row has been at rest, less those in motion since
     marks:   (M, 4, 5 + P + D) information about the load at the last M examinations for a spill
-    looks:   the last M examinations for a spill
+    checks:  the last M examinations for a spill
     mixed:   whether the filters still contain samples from before the lift
     tilt:    angle of the tool at the first examination, at the start of this load [rad]; None: not examined yet
     """
@@ -50,7 +50,7 @@ class Lift(Estimator):
     moving: int
     rested: Numbers
     marks: Array
-    looks: tuple[Look, ...]
+    checks: tuple[SpillCheck, ...]
     mixed: bool
     tilt: float | None = None
 
@@ -72,7 +72,7 @@ class Lift(Estimator):
             moving=0,
             rested=ZERO * rows,
             marks=marks,
-            looks=(Look(0, None),),
+            checks=(SpillCheck(0, None),),
             mixed=mixed,
         )
 
@@ -93,7 +93,9 @@ class Lift(Estimator):
 
     @property
     def gram(self) -> Array:
-        """Products (4, P + D) with columns of tares and drift; covariance @ gram is the load's sensitivity to them."""
+        """Products (4, P + D) of load columns with those of tares and drift, over each row's variance.
+
+        covariance @ gram is the load's sensitivity to tares and drift, with the sign reversed."""
         return part(self.numbers, LIFT.gram).reshape(4, -1)
 
     def error_by_drift(self, covariance: Array) -> float:
@@ -111,7 +113,7 @@ class Lift(Estimator):
         unsure = change @ block_diagonal(tares, colder * drift.covariance) @ change.T
         return self.values[:3] - change[:, len(tares) :] @ drift.values, self.covariance[:3, :3] + unsure
 
-    def look(self, now: Array, last: Look, most: int) -> None:
+    def keep_check(self, now: Array, last: SpillCheck, most: int) -> None:
         """Append an examination for a spill.
 
         now:  (4, 5 + P + D) information about the load at it
@@ -119,41 +121,42 @@ class Lift(Estimator):
         most: number of examinations that are kept
         """
         self.marks = np.concatenate([self.marks[1 - most :], now[None]])
-        self.looks = (*self.looks[1 - most :], last)
+        self.checks = (*self.checks[1 - most :], last)
         self.tilt = last.tilt if self.tilt is None else self.tilt
 
-    def since(self, at: int, now: Array, last: Look, every: int, nothing: Array) -> "Lift":
+    def since(self, at: int, now: Array, last: SpillCheck, every: int, nothing: Array) -> "Lift":
         """Return the lift since an earlier examination, at which the load changed.
 
-        at:      number of that examination in `looks`
+        at:      number of that examination in `checks`
         now:     (4, 5 + P + D) information at the `last` examination
         last:    the present examination
         every:   samples between two examinations
         nothing: (4, 5 + P + D) information of a lift without samples
         """
-        begun = self.looks[at]
+        begun = self.checks[at]
         marks = np.concatenate([self.marks[at:], now[None]]) - self.marks[at] + nothing
         root, gram = root_and_gram(marks[-1])
-        looks = tuple(Look(look.moving - begun.moving, look.tilt) for look in (*self.looks[at:], last))
+        later = (*self.checks[at:], last)
+        checks = tuple(SpillCheck(check.moving - begun.moving, check.tilt) for check in later)
         return Lift(
             lift_numbers(root, gram),
             taken=(len(marks) - 1) * every,
             refused=0,
-            moving=looks[-1].moving,
+            moving=checks[-1].moving,
             rested=self.rested,
             marks=marks,
-            looks=looks,
+            checks=checks,
             mixed=self.mixed,
             tilt=begun.tilt,
         )
 
 
 def lift_numbers(root: Root, gram: Array, estimate: tuple[Array, Array] | None = None) -> Numbers:
-    """Return the numbers of a lift as the kernel keeps them.
+    """Return the state of a lift as one flat array, in the kernel's order (`LiftLayout`).
 
-    root:     information on the load
-    gram:     (4, P + D) products with the columns of tares and drift
-    estimate: values (4,) and covariance (4, 4); None: solved from the root
+    root:     information on the load (m, m x, m z, J): triangle (4, 4) and right-hand side (4,)
+    gram:     (4, P + D) sum of load columns times columns of tares and drift, over the variance of each row
+    estimate: values (4,) and covariance (4, 4) of the load; None: solved from the root
     """
     values, covariance = solution(root) if estimate is None else estimate
     return numbers(np.concatenate([np.ravel(each) for each in (*root, values, covariance, gram)]))

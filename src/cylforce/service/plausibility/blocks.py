@@ -38,7 +38,7 @@ SLOWEST = 0.005
 TILTED = 1e-3  # rad by which an angle is shifted to find its column
 LOAD = 4  # parameters of a load
 CONTACT = 5.0  # mean squared residual of a block from which on no load explains it, as in `recognition`
-LEAST, MOST = -0.05, 2.0  # times the rated payload: mass that can hang in a bucket; below SMALLEST it is empty
+LEAST, MOST = -0.05, 2.0  # times the rated payload: mass that can hang in a bucket; below EMPTY_BELOW it is empty
 
 
 def _nothing() -> Array:
@@ -49,27 +49,27 @@ def _nothing() -> Array:
 class Block:
     """Evidence of a block about H signals; of several blocks each array has one axis more, (B, ...).
 
-    With an error x of signal h the squared residual is left - 2 linear_h x + square_h x^2, in squares of standard
+    With an error x of signal h the squared residual is r - 2 linear_h x + square_h x^2, in squares of standard
     errors, and the load's mass is mass - slope_h x.
 
-    left:   (1,) squared residual without an error
-    mass:   (1,) mass of the load [kg]
-    spread: (1,) standard error of the mass [kg]
-    weight: (1,) number of independent samples
-    linear: (H,) linear coefficients of the parabolas
-    square: (H,) quadratic coefficients of the parabolas
-    slope:  (H,) change of the mass [kg per unit of the error]
+    residual: (1,) squared residual r without an error
+    mass:     (1,) mass of the load [kg]
+    spread:   (1,) standard error of the mass [kg]
+    weight:   (1,) number of independent samples
+    linear:   (H,) linear coefficients of the parabolas
+    square:   (H,) quadratic coefficients of the parabolas
+    slope:    (H,) change of the mass [kg per unit of the error]
 
     Of F frictions that all blocks share (`common_friction`), in standard errors between strokes:
-    rows:   (F + H + 1, F + H + 1) products of [friction | errors | residual], with the load, the zeros and the
-            deviations from stroke to stroke eliminated
-    masses: (F + H + 1,) mass of the load [kg] per unit of each of these columns
-    belief: (2, F) prior mean and standard error of the friction, from the adaptation
+    rows:           (F + H + 1, F + H + 1) products of [friction | errors | residual], with the load, the zeros and the
+                    deviations from stroke to stroke eliminated
+    masses:         (F + H + 1,) mass of the load [kg] per unit of each of these columns
+    friction_prior: (2, F) prior mean and standard error of the friction, from the adaptation
 
     ways:   (C,) motion of each cylinder in the block [m], extending positive
     """
 
-    left: Array
+    residual: Array
     mass: Array
     spread: Array
     weight: Array
@@ -78,12 +78,12 @@ class Block:
     slope: Array
     rows: Array = field(default_factory=_nothing)
     masses: Array = field(default_factory=_nothing)
-    belief: Array = field(default_factory=_nothing)
+    friction_prior: Array = field(default_factory=_nothing)
     ways: Array = field(default_factory=_nothing)
 
     def followed_by(self, new: "Block", most: int) -> "Block":
         """Return these blocks followed by a `new` one, the last `most` of them."""
-        if not len(self.left):
+        if not len(self.residual):
             return Block(**{f.name: getattr(new, f.name)[None] for f in fields(Block)})
         parts = ((f.name, getattr(self, f.name), getattr(new, f.name)) for f in fields(Block))
         return Block(**{name: np.concatenate([old[1 - most :], one[None]]) for name, old, one in parts})
@@ -92,13 +92,13 @@ class Block:
         """Return whether a load explains this block without an error of a signal; `rated`: rated payload [kg]."""
         margin, mass = 3.0 * self.spread.item(), self.mass.item()
         hangs = LEAST * rated - margin < mass < MOST * rated
-        return bool(hangs and self.left.item() < CONTACT * self.weight.item())
+        return bool(hangs and self.residual.item() < CONTACT * self.weight.item())
 
 
 def no_blocks(signals: int) -> Block:
     """Return an empty sequence of blocks about so many `signals`."""
     one, each = np.zeros((0, 1)), np.zeros((0, signals))
-    return Block(left=one, mass=one, spread=one, weight=one, linear=each, square=each, slope=each)
+    return Block(residual=one, mass=one, spread=one, weight=one, linear=each, square=each, slope=each)
 
 
 def cost(block: Block, x: Array | float, rated: float) -> Array:
@@ -109,9 +109,9 @@ def cost(block: Block, x: Array | float, rated: float) -> Array:
     rated: rated payload [kg]
     """
     most, mass = CONTACT * block.weight, block.mass - block.slope * x
-    left = block.left - 2.0 * x * block.linear + x**2 * block.square
+    residual = block.residual - 2.0 * x * block.linear + x**2 * block.square
     hangs = (mass > LEAST * rated - 3.0 * block.spread) & (mass < MOST * rated)
-    return np.asarray(np.where(hangs, np.minimum(left, most), most))
+    return np.asarray(np.where(hangs, np.minimum(residual, most), most))
 
 
 class BlockConstants(Constants):
@@ -158,12 +158,12 @@ class BlockConstants(Constants):
         self.solver = solver(model, tares, self.kernel)
         self.plan = making.plan(model, self.kernel.KernelPlan)
 
-    def everyday(self, drift: DriftFilter) -> Array:
-        """Return the standard errors (D,) of the usual changes of friction and zeros.
+    def daily_change(self, drift: DriftFilter) -> Array:
+        """Return the standard errors (D,) of the changes of friction and zeros from one day to another.
 
         Those of friction become smaller when the adaptation has determined the present friction."""
         found = ZERO * len(self.before)
-        self.kernel.everyday(self.solver, drift.covariance, self.before, self.frictions, UNKNOWN, found)
+        self.kernel.daily_change(self.solver, drift.covariance, self.before, self.frictions, UNKNOWN, found)
         return np.frombuffer(found)
 
     def prior_of(self, drift: DriftFilter) -> Array:
@@ -172,7 +172,7 @@ class BlockConstants(Constants):
         It is smaller than usual where the returns of this machine show a larger spread of friction and zeros (cold
         oil)."""
         own = self.daily * np.sqrt(drift.scale)[self._kinds]
-        wider = np.maximum(own / self.everyday(drift), 1.0)
+        wider = np.maximum(own / self.daily_change(drift), 1.0)
         return np.asarray(self.prior / np.concatenate([np.ones(LOAD), wider**2]))
 
     def errors(self, instant: Instant, channels: Numbers, load: Array) -> Array:
@@ -188,7 +188,7 @@ class BlockConstants(Constants):
         found = ZERO * (self.rows * self.size)
         room = (ZERO * len(self.tares.values), ZERO * (self.rows * len(self.turned)))
         of = (self._columns, len(self.pressed), self._per_bar, self._joints, len(self.turned), TILTED)
-        self.kernel.mislead(self.plan, self.solver, instant.numbers, channels, load, *of, *room, found)
+        self.kernel.error_torques(self.plan, self.solver, instant.numbers, channels, load, *of, *room, found)
         return np.frombuffer(found).reshape(self.rows, -1)
 
     def turned_force(self, channels: Numbers, force: complex) -> Array:
@@ -318,9 +318,9 @@ class BlockGatherer(Estimator):
         both = gram[:known, known:]  # load and usual changes against errors and residual
         reduced = gram[known:, known:] - both.T @ inverse @ both
         masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
-        rows, shared_masses, belief = self._shared(drift, prior)
+        rows, shared_masses, friction_prior = self._shared(drift, prior)
         block = Block(
-            left=np.array([reduced[-1, -1]]),
+            residual=np.array([reduced[-1, -1]]),
             mass=np.array([masses[-1]]),
             spread=np.array([np.sqrt(inverse[0, 0])]),
             weight=np.array([self.rows / c.memory]),
@@ -329,28 +329,28 @@ class BlockGatherer(Estimator):
             slope=masses[:-1],
             rows=rows,
             masses=shared_masses,
-            belief=belief,
+            friction_prior=friction_prior,
             ways=self.ways,
         )
         self.load = np.where(block.explained(c.rated), load, 0.0)
         return block
 
     def _shared(self, drift: DriftFilter, prior: Array) -> tuple[Array, Array, Array]:
-        """Return `rows`, `masses` and `belief` of a block.
+        """Return `rows`, `masses` and `friction_prior` of a block.
 
         With the friction f of all blocks and its deviation e in this block, torque = C (f + e). e has a standard error
         of one, and is eliminated as the load is. The gram's residual is relative to the friction of the `drift`. Here
         it is made relative to the identified friction, so that f has one meaning in all blocks."""
         c, known, own = self.constants, len(prior), slice(self.constants.frictions)
-        everyday = c.everyday(drift) / c.before
+        daily_change = c.daily_change(drift) / c.before
         scale = np.ones(len(self.last))
-        scale[LOAD:known] = 1.0 / everyday
+        scale[LOAD:known] = 1.0 / daily_change
         gram = self.products * scale * scale[:, None] / c.memory
         inverse = np.linalg.inv(gram[:known, :known] + np.diag(c.prior))
         shared = np.r_[LOAD : LOAD + c.frictions, known : len(gram)]
         both = gram[:known, shared]
         mean = drift.values[own] / c.before[own]
-        spread = everyday[own] / np.sqrt(prior[LOAD : LOAD + c.frictions])
+        spread = daily_change[own] / np.sqrt(prior[LOAD : LOAD + c.frictions])
         if not drift.returned:  # the oil may be cold, as in the weighing's gate
             spread = np.maximum(spread, COLD * (c.daily / c.before)[own])
         beside = np.eye(len(shared))

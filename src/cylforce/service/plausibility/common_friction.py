@@ -38,7 +38,7 @@ class FrictionFit:
 class OneFriction:
     """Blocks of one window (B), and their costs with a friction f (F,) that all of them share.
 
-    blocks: with their `rows`, `masses` and `belief`
+    blocks: with their `rows`, `masses` and `friction_prior`
     rated:  rated payload [kg]
     """
 
@@ -55,7 +55,7 @@ class OneFriction:
         scatter:  (B,) Birge ratio of each block, 1 or more: variance over that of commissioning
         most:     largest vote of one block
         """
-        number = len(self.blocks.left)
+        number = len(self.blocks.residual)
         errors = np.where(np.arange(number) >= begin, size, 0.0)
         plain, explained = (cost(self.blocks, x, self.rated)[:, signal] < self._contact for x in (0.0, size))
         after = np.where(errors != 0.0, explained, plain)
@@ -79,7 +79,7 @@ class OneFriction:
         errors:  (B,) of the signal [bar, rad]
         choices: masks (B,) of the blocks to use, each of which is tried
         """
-        mean, spread = self.blocks.belief[-1]
+        mean, spread = self.blocks.friction_prior[-1]
         fits = []
         for used in choices:
             friction = self._fitted(signal, errors, used)
@@ -89,18 +89,18 @@ class OneFriction:
 
     def _fitted(self, signal: int, errors: Array, used: Mask) -> Array:
         """Return the friction (F,) that explains the `used` blocks (B,) best, beside `errors` (B,)."""
-        (mean, spread), rows = self.blocks.belief[-1], self.blocks.rows[used]
+        (mean, spread), rows = self.blocks.friction_prior[-1], self.blocks.rows[used]
         size = len(mean)
-        left = rows[:, :size, -1] - errors[used, None] * rows[:, :size, size + signal]
+        residual = rows[:, :size, -1] - errors[used, None] * rows[:, :size, size + signal]
         information = rows[:, :size, :size].sum(axis=0) + np.diag(spread**-2)
-        return np.linalg.solve(information, left.sum(axis=0) + mean / spread**2)
+        return np.linalg.solve(information, residual.sum(axis=0) + mean / spread**2)
 
     def _cost(self, friction: Array, signal: int, errors: Array) -> Array:
         """Return the costs (B,), at most that of a block in contact, which an impossible mass also has."""
         parts = np.zeros(self.blocks.masses.shape)
         parts[:, : len(friction)], parts[:, -1] = -friction, 1.0
         parts[:, len(friction) + signal] = -errors
-        left = np.einsum("bi,bij,bj->b", parts, self.blocks.rows, parts)
+        residual = np.einsum("bi,bij,bj->b", parts, self.blocks.rows, parts)
         mass, spread = (parts * self.blocks.masses).sum(axis=1), self.blocks.spread[:, 0]
         hangs = (mass > LEAST * self.rated - 3.0 * spread) & (mass < MOST * self.rated)
-        return np.where(hangs, np.minimum(left, self._contact), self._contact)
+        return np.where(hangs, np.minimum(residual, self._contact), self._contact)

@@ -1,12 +1,13 @@
 """Base of all detectors: a detector tests for one way in which signals contradict each other or themselves.
 
-A new detector is one file with a subclass of `Detector`, and one line in `table.py`. A fault that no detector reports
-yet needs a member of `SensorFault` (`suspicion.py`), and its code and sentence in `programs/live/doubts.py`.
+A new detector is one file in `detectors` with a subclass of `Detector`, and one line in `table.py`. A fault that no
+detector reports yet needs a member of `SensorFault` (`suspicion.py`), and its code and sentence in
+`programs/live/sensor_messages.py`.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Self, TypeVar, cast
+from typing import Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,30 +16,10 @@ from cylforce.estimation.model import Model, Tares
 from cylforce.service.plausibility.blocks import EVERY, BlockConstants, BlockGatherer
 from cylforce.service.plausibility.pressure_groups import GroupConstants, PressureGroups
 from cylforce.service.plausibility.sample import MonitorSample
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants, Estimator
 
-__all__ = ["EVERY", "Description", "Detector", "Features", "Interruption", "MonitoredMachine", "doubt_of"]
-
-
-@dataclass(frozen=True, slots=True)
-class Description:
-    """Description of a detector in words, for its chapter.
-
-    faults:    sensor faults that it reports
-    looks_at:  its input
-    residual:  the quantity that it compares with the threshold
-    threshold: limit of that quantity, with its origin
-    levels:    conditions for suspected, rejected, latched
-    recovery:  condition that ends the suspicion
-    """
-
-    faults: tuple[SensorFault, ...]
-    looks_at: str
-    residual: str
-    threshold: str
-    levels: str
-    recovery: str
+__all__ = ["EVERY", "Detector", "Features", "Interruption", "MonitoredMachine", "suspicion_of"]
 
 
 C = TypeVar("C", bound=Constants)
@@ -84,26 +65,26 @@ class Features:
 class Interruption:
     """Cause of an interruption of the measurement, as far as detectors use it.
 
-    frozen:  whether a signal was frozen while none is suspected: votes without a suspicion were caused by that signal
-    strayed: numbers of the signals outside their range
+    frozen:       whether a signal was frozen while none is suspected: votes without a suspicion were caused by that
+                  signal
+    out_of_range: numbers of the signals outside their range
     """
 
     frozen: bool
-    strayed: tuple[int, ...]
+    out_of_range: tuple[int, ...]
 
 
 class Detector(Estimator):
     """Base of all detectors.
 
-    The monitor reads `doubt` at the steps at which it changes, and at each sample while there is a suspicion. While a
+    The monitor reads `report` at the steps at which it changes, and at each sample while there is a suspicion. While a
     detector is `unsure`, nothing is booked.
 
-    doubt: present report of the detector
+    report: present suspicion of the detector
     """
 
     __slots__ = ()
-    DESCRIPTION: ClassVar[Description]
-    doubt: SensorDoubt
+    report: SensorSuspicion
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -129,13 +110,13 @@ class Detector(Estimator):
         """Discard data that an interruption of the measurement makes invalid."""
 
 
-def doubt_of(
+def suspicion_of(
     marked: NDArray[np.bool_], signals: list[int], cause: SensorFault, level: Level = Level.REJECTED
-) -> SensorDoubt:
+) -> SensorSuspicion:
     """Return the suspicion of the signals that are marked; NOTHING_SUSPECTED where none is.
 
     marked:  (P,) True where a signal is suspected
     signals: (P,) numbers of the signals
     """
     numbers = tuple(signal for signal, each in zip(signals, marked.tolist(), strict=True) if each)
-    return SensorDoubt(level, cause, numbers) if numbers else NOTHING_SUSPECTED
+    return SensorSuspicion(level, cause, numbers) if numbers else NOTHING_SUSPECTED

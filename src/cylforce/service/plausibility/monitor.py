@@ -6,18 +6,18 @@ from dataclasses import dataclass
 from typing import Self, TypeVar, cast
 
 from cylforce.service.plausibility.blocks import EVERY, BlockGatherer
-from cylforce.service.plausibility.constant_error import VOTES
 from cylforce.service.plausibility.detector import Detector, Features, Interruption, MonitoredMachine
+from cylforce.service.plausibility.detectors.constant_error import VOTES
+from cylforce.service.plausibility.detectors.swept_tool import SweptTool
 from cylforce.service.plausibility.pressure_groups import PressureGroups
 from cylforce.service.plausibility.sample import MonitorSample
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt
-from cylforce.service.plausibility.swept_tool import SweptTool
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorSuspicion
 from cylforce.service.plausibility.table import DETECTORS
 from cylforce.service.plausibility.undetected import UndetectedErrors
 from cylforce.service.snapshot import Estimator
 
 D = TypeVar("D", bound=Detector)
-Reports = tuple[SensorDoubt, ...]
+Reports = tuple[SensorSuspicion, ...]
 
 
 @dataclass(slots=True)
@@ -41,7 +41,7 @@ class Monitor(Estimator):
     undetected: UndetectedErrors
     detectors: dict[str, Detector]
     reports: Reports = ()
-    suspicion: SensorDoubt = NOTHING_SUSPECTED
+    suspicion: SensorSuspicion = NOTHING_SUSPECTED
     evidence: bool = False
     in_air: int = 0
 
@@ -79,13 +79,13 @@ class Monitor(Estimator):
         if other.suspicion.stays:
             self.suspicion = other.suspicion
 
-    def interrupt(self, *, frozen: bool = False, strayed: tuple[int, ...] = ()) -> None:
+    def interrupt(self, *, frozen: bool = False, out_of_range: tuple[int, ...] = ()) -> None:
         """Discard unfinished groups and blocks, because the measurement stopped; the suspicion stays.
 
-        frozen:  whether a signal was frozen
-        strayed: numbers of the signals outside their range; they are suspected when they return
+        frozen:       whether a signal was frozen
+        out_of_range: numbers of the signals outside their range; they are suspected when they return
         """
-        why = Interruption(frozen and self.suspicion.level is Level.FINE, strayed)
+        why = Interruption(frozen and self.suspicion.level is Level.FINE, out_of_range)
         self.groups.interrupt()
         self.blocks.interrupt()
         self.undetected.end_lift()
@@ -126,13 +126,13 @@ class Monitor(Estimator):
         self.evidence = any(detector.unsure for detector in self.detectors.values())
 
     def _reports(self) -> Reports:
-        return tuple([detector.doubt for detector in self.detectors.values()])
+        return tuple([detector.report for detector in self.detectors.values()])
 
     def _suspects(self, reports: Reports) -> bool:
         """Return whether there is a suspicion or a report."""
         return self.suspicion.level is not Level.FINE or any(report.level for report in reports)
 
-    def combined(self, reports: Reports) -> SensorDoubt:
+    def combined(self, reports: Reports) -> SensorSuspicion:
         """Return the report of the highest level; of several, the first one.
 
         A suspicion that `stays` ends after VOTES seconds in the air that a load explains."""

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from cylforce.estimation.kernel import choice
 from cylforce.estimation.kernel.functions import Kernel
-from cylforce.estimation.kernel.heard import GROUP, GROUPS, NOISES
 from cylforce.estimation.kernel.making import numbers
+from cylforce.estimation.kernel.pressures import GROUP, GROUPS, NOISES
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
@@ -122,7 +122,7 @@ class GroupStatistics(Estimator):
         group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
         means_and_variances = np.ascontiguousarray(np.frombuffer(self.groups).reshape(4, GROUPS, size)[:2])
         chosen = (means_and_variances, GROUPS, np.asarray(which, dtype=np.float64), c.stated)
-        c.kernel.listen(size, group, GROUP, *chosen, TENTH, c.quiet, len(QUIET), ZERO * NOISES, self.noise)
+        c.kernel.update_noise(size, group, GROUP, *chosen, TENTH, c.quiet, len(QUIET), ZERO * NOISES, self.noise)
 
     def last_longer(self, moved: Mask) -> None:
         """Count one more group without noise for the pressures whose cylinders `moved` (P,) and whose noise is gone."""

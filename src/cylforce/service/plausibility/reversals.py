@@ -17,7 +17,7 @@ from cylforce.estimation.kernel.solving import ZERO
 from cylforce.estimation.model import Model, Tares
 from cylforce.service.adaptation import DriftKnowledge
 from cylforce.service.pipeline import Instant
-from cylforce.service.plausibility.suspicion import SensorDoubt
+from cylforce.service.plausibility.suspicion import SensorSuspicion
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.kinds import Kind
 
@@ -77,24 +77,26 @@ class Reversals(Estimator):
             if turns:
                 self.at[c], self.way[c] = steps, -1.0 if instant.speed[c] > 0.0 else 1.0
 
-    def explains(self, doubt: SensorDoubt, steps: int, speed: Numbers, values: Numbers, drift: DriftKnowledge) -> bool:
+    def explains(
+        self, suspicion: SensorSuspicion, steps: int, speed: Numbers, values: Numbers, drift: DriftKnowledge
+    ) -> bool:
         """Return whether a reversal of friction explains the suspected step of a pressure.
 
-        doubt:  suspicion of the step
-        steps:  number of steps of the filters so far
-        speed:  (C,) present speed of the cylinders [m/s]
-        values: (S,) of all signals [SI]
-        drift:  of friction and zeros
+        suspicion: suspicion of the step
+        steps:     number of steps of the filters so far
+        speed:     (C,) present speed of the cylinders [m/s]
+        values:    (S,) of all signals [SI]
+        drift:     of friction and zeros
         """
         model = self.constants.model
-        signal = model.machine.signals[doubt.signals[0]]
+        signal = model.machine.signals[suspicion.signals[0]]
         cylinder, c = model.machine.cylinders[signal.index], signal.index
         rests = abs(speed[c]) < model.filters.direction_speed
         if not rests and not 0 <= steps - self.at[c] <= self.constants.steps:
             return False
         outward = cylinder.area_head if signal.kind is Kind.HEAD_PRESSURE else -cylinder.area_rod
         dry, error = self._dry_friction(c, values, drift)
-        push = doubt.size * outward
+        push = suspicion.size * outward
         return (rests or push * self.way[c] > 0.0) and abs(push) <= 2.0 * (dry + CLEAR * error)
 
     def _dry_friction(self, c: int, values: Numbers, drift: DriftKnowledge) -> tuple[float, float]:

@@ -16,7 +16,7 @@ class MonitorSample:
 
     values:   (S,) of all signals [SI]
     arrivals: (S,) receive times of the frames that carried the values [us]; empty: not known
-    leapt:    numbers of the signals that have stepped
+    stepped:  numbers of the signals that have stepped
     pipeline: filters
     instant:  rows of this step
     residual: (R,) residual torque after tares and drift [N m]
@@ -29,7 +29,7 @@ class MonitorSample:
 
     values: Numbers
     arrivals: Numbers
-    leapt: tuple[int, ...]
+    stepped: tuple[int, ...]
     pipeline: Pipeline
     instant: Instant
     residual: Numbers

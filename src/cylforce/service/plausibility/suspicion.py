@@ -9,25 +9,25 @@ class SensorFault(IntEnum):
     """Fault of a signal."""
 
     NONE = 0
-    STUCK = 1  # does not change while its cylinder moves both ways
+    FROZEN = 1  # does not change while its cylinder moves both ways
     BURST = 2  # fell to zero within 50 ms
     OFFSET = 3  # a pressure that is off by a constant
     SLIPPED = 4  # an angle that is off by a constant
-    EXCHANGED = 5  # the forces do not belong to the motion: connected to the wrong place, or dead
-    LEAPT = 6  # an angle that stepped farther than a joint can turn
-    IMPOSSIBLE = 7  # a pressure below vacuum
-    LIGHT = 8  # the empty bucket has a negative weight
+    CONTRADICTS_MOTION = 5  # the forces do not belong to the motion: connected to the wrong place, or dead
+    ANGLE_STEPPED = 6  # an angle that stepped farther than a joint can turn
+    BELOW_VACUUM = 7  # a pressure below vacuum
+    NEGATIVE_WEIGHT = 8  # the empty bucket has a negative weight
     STEPPED = 9  # a pressure that stepped alone
     SWAPPED = 10  # pressures that each continue where another one was
-    STRAYED = 11  # a pressure that was outside its sensor's range, and then inside again
-    MISPLACED = 12  # the empty bucket has moments that no mass in it has
+    BACK_IN_RANGE = 11  # a pressure that was outside its sensor's range, and then inside again
+    IMPOSSIBLE_MOMENTS = 12  # the empty bucket has moments that no mass in it has
 
 
 class Level(IntEnum):
-    """Level of a suspicion: values are DEGRADED when a signal is suspected (DOUBTED), INVALID when it is REJECTED."""
+    """Level of a suspicion: values are DEGRADED when a signal is suspected (SUSPECTED), INVALID when it is REJECTED."""
 
     FINE = 0
-    DOUBTED = 1
+    SUSPECTED = 1
     REJECTED = 2
 
     @classmethod
@@ -37,15 +37,15 @@ class Level(IntEnum):
 
 
 # Latched once rejected, until the service is started again: faults that one pressure shows by itself
-LATCHED = (SensorFault.BURST, SensorFault.IMPOSSIBLE)
+LATCHED = (SensorFault.BURST, SensorFault.BELOW_VACUUM)
 # Latched once both directions of motion have confirmed it: faults that are concluded from many samples
-LATCHED_IF_CONFIRMED = (SensorFault.SLIPPED, SensorFault.EXCHANGED)
+LATCHED_IF_CONFIRMED = (SensorFault.SLIPPED, SensorFault.CONTRADICTS_MOTION)
 # Suspected from one instant, to be confirmed or refuted by the next motion in the air
-WAITING = (SensorFault.STEPPED, SensorFault.SWAPPED, SensorFault.STRAYED)
+WAITING = (SensorFault.STEPPED, SensorFault.SWAPPED, SensorFault.BACK_IN_RANGE)
 
 
 @dataclass(frozen=True, slots=True)
-class SensorDoubt:
+class SensorSuspicion:
     """Suspicion of a sensor fault.
 
     level:     of the suspicion
@@ -73,7 +73,7 @@ class SensorDoubt:
 
         It stays until seconds in the air refute it, or, where it is latched, until the service is started again.
         Exchanged pressures drive the tool in one direction of motion only, so that their report may end by itself."""
-        return self.latched or (self.level is Level.REJECTED and self.cause is SensorFault.EXCHANGED)
+        return self.latched or (self.level is Level.REJECTED and self.cause is SensorFault.CONTRADICTS_MOTION)
 
     @property
     def waits(self) -> bool:
@@ -83,7 +83,7 @@ class SensorDoubt:
     @property
     def follows(self) -> bool:
         """Return whether friction and zeros are still adapted: a negative weight of the empty bucket may be a drift."""
-        return self.level is Level.FINE or self.cause is SensorFault.LIGHT
+        return self.level is Level.FINE or self.cause is SensorFault.NEGATIVE_WEIGHT
 
 
-NOTHING_SUSPECTED = SensorDoubt()
+NOTHING_SUSPECTED = SensorSuspicion()

@@ -99,7 +99,7 @@ class UndetectedErrors(Estimator):
         if blocks.explained and taken >= SAMPLES * EVERY:
             self._take_second(c.without_zeros(blocks.last, drift))
         slopes, room = ZERO * c.size, ZERO * (2 * LOAD * LOAD)
-        c.kernel.notice(self.lift, blocks.products, len(self.lift), c.prior, c.memory, c.size, room, slopes)
+        c.kernel.mass_slopes(self.lift, blocks.products, len(self.lift), c.prior, c.memory, c.size, room, slopes)
         self.slopes = np.frombuffer(slopes)
         turned = c.turned_force(channels, acting(resultant))
         self.torques = (blocks.errors + turned) * self.probable.sizes
@@ -111,10 +111,10 @@ class UndetectedErrors(Estimator):
         c, fading = self.constants, exp(-1.0 / MEMORY)
         self.of_lift, self.of_before = self.of_lift + 1.0, fading * self.of_before
         self.lift, self.before = self.lift + block, self.before * fading
-        left = self.before + self._without_load(self.lift)
-        known = len(left) - c.size - 1
-        changes = np.linalg.inv(left[:known, :known] + np.eye(known))
-        own = left[known:, known:] - left[known:, :known] @ changes @ left[:known, known:]
+        gram = self.before + self._without_load(self.lift)
+        known = len(gram) - c.size - 1
+        changes = np.linalg.inv(gram[:known, :known] + np.eye(known))
+        own = gram[known:, known:] - gram[known:, :known] @ changes @ gram[:known, known:]
         square = np.diagonal(own)[:-1]
         square = np.where(square > 0.0, square, np.inf)
         sizes = own[:-1, -1] / square
@@ -142,14 +142,14 @@ class UndetectedErrors(Estimator):
         return np.asarray(own[LOAD:, LOAD:] - own[LOAD:, :LOAD] @ load @ own[:LOAD, LOAD:])
 
 
-def off_probability(evidence: Array, left: float, samples: float) -> float:
+def off_probability(evidence: Array, residual: float, samples: float) -> float:
     """Return the probability that a signal has an error.
 
     evidence: (H,) squares of the errors that explain the torques best, each over its variance
-    left:     squares of the residual without an error
+    residual: squares of the residual without an error
     samples:  N, number of independent samples
     """
-    scatter = max(1.0, (left - float(evidence.max())) / samples)
+    scatter = max(1.0, (residual - float(evidence.max())) / samples)
     likely = np.exp(np.minimum(evidence / (2.0 * scatter), MOST)) / sqrt(1.0 + samples)
     odds = float(likely.sum())
     return odds / (1.0 + odds)

@@ -18,35 +18,35 @@ REASONS = {float(reason): reason for reason in Reason}
 class Channel:
     """State of one signal.
 
-    value:    last accepted value [SI]; last received value while too few good values were received
-    t_us:     time of the last accepted value [us]
-    seen_us:  time of the last received value, good or not [us]
-    reason:   of the last received value, as a number of `Reason`
-    good:     number of good values in a row
-    equal:    number of equal values in a row while the machine moved
-    jumps:    number of values in a row that are off by a `leap`
-    leap:     difference from the value before the step [SI]
-    last:     last implausible value [SI]
-    leapt:    sum of the steps that were accepted after enough such values [SI]
-    since_us: earliest time at which the last received value was measured, before it waited for the bus [us]
+    value:       last accepted value [SI]; last received value while too few good values were received
+    t_us:        time of the last accepted value [us]
+    received_us: time of the last received value, good or not [us]
+    reason:      of the last received value, as a number of `Reason`
+    good:        number of good values in a row
+    equal:       number of equal values in a row while the machine moved
+    jumps:       number of values in a row that are off by a `step`
+    step:        difference from the value before the step [SI]
+    last:        last implausible value [SI]
+    stepped:     sum of the steps that were accepted after enough such values [SI]
+    since_us:    earliest time at which the last received value was measured, before it waited for the bus [us]
     """
 
     value: float
     t_us: float
-    seen_us: float
+    received_us: float
     reason: float
     good: float
     equal: float
     jumps: float
-    leap: float = 0.0
+    step: float = 0.0
     last: float = 0.0
-    leapt: float = 0.0
+    stepped: float = 0.0
     since_us: float = NEVER
 
     @classmethod
-    def without_value(cls, reason: Reason, leapt: float = 0.0) -> Self:
+    def without_value(cls, reason: Reason, stepped: float = 0.0) -> Self:
         """Return the state of a signal without an accepted value."""
-        return cls(nan, t_us=NEVER, seen_us=NEVER, reason=reason, good=0.0, equal=0.0, jumps=0.0, leapt=leapt)
+        return cls(nan, t_us=NEVER, received_us=NEVER, reason=reason, good=0.0, equal=0.0, jumps=0.0, stepped=stepped)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,25 +5,24 @@ a load explains the torques of all joints. Successive seconds of slewing that no
 wrong, but do not show which one. A bucket that is dumped during a part of a swing also causes such seconds."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 from cylforce.service.plausibility.detector import (
     EVERY,
-    Description,
     Detector,
     Features,
     Interruption,
     MonitoredMachine,
 )
 from cylforce.service.plausibility.pressure_groups import pressures
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 # rad of slewing that no load explains, from which on the signals are suspected or rejected; chosen: more than one and a
 # half times the largest of healthy machines, 0.60, which dump meanwhile; two swings, out and back
-FARTHEST = {Level.DOUBTED: 1.0, Level.REJECTED: 3.0}
+FARTHEST = {Level.SUSPECTED: 1.0, Level.REJECTED: 3.0}
 FAST = 0.2  # rad/s of the house, above which the tool has no contact; chosen: a fifth of its full speed
 
 
@@ -55,16 +54,7 @@ class SweptTool(Detector):
     running: float = 0.0
     angle: float = 0.0
     fast: bool = False
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.EXCHANGED,),
-        looks_at="seconds in which the house slews, although nothing can be swept through the ground",
-        residual="angle of slewing that no load explains",
-        threshold="1 rad suspected, 3 rad rejected; chosen: a machine in order that dumps meanwhile has 0.60",
-        levels="rejected after the next swing but one",
-        recovery="when a load explains the torques; once rejected, for four seconds in a row",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -87,9 +77,9 @@ class SweptTool(Detector):
             self.end_block(features.blocks.explained)
         level = self.level
         if level is Level.FINE:
-            self.doubt = NOTHING_SUSPECTED
-        elif level is not self.doubt.level:
-            self.doubt = SensorDoubt(level, SensorFault.EXCHANGED, self.constants.pressures)
+            self.report = NOTHING_SUSPECTED
+        elif level is not self.report.level:
+            self.report = SensorSuspicion(level, SensorFault.CONTRADICTS_MOTION, self.constants.pressures)
 
     def slew(self, smooth: Array) -> None:
         """Add the slewing of a sample to the running block; `smooth` (3, D): last three smoothed channels."""

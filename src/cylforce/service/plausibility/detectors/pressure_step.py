@@ -18,7 +18,7 @@ explains end the suspicion. A step that is not confirmed ends by itself after as
 from array import array
 from dataclasses import dataclass
 from math import exp, inf, log, pi, sqrt
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -29,12 +29,12 @@ from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO
 from cylforce.mechanics.machine import Machine
 from cylforce.service.plausibility.blocks import BAR, EVERY, SAMPLES, Block, cost
-from cylforce.service.plausibility.constant_error import KEPT as KEPT_SECONDS
-from cylforce.service.plausibility.constant_error import VOTES
-from cylforce.service.plausibility.detector import Description, Detector, Features, Interruption, MonitoredMachine
+from cylforce.service.plausibility.detector import Detector, Features, Interruption, MonitoredMachine
+from cylforce.service.plausibility.detectors.constant_error import KEPT as KEPT_SECONDS
+from cylforce.service.plausibility.detectors.constant_error import VOTES
 from cylforce.service.plausibility.pressure_groups import picker, pressures
 from cylforce.service.plausibility.reversals import ReversalConstants, Reversals
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES, Kind
@@ -63,14 +63,14 @@ MOST = ENOUGH / VOTES  # of one second: several must agree
 Pairs = tuple[tuple[int, int], ...]
 
 
-class LeapTest:
+class StepTest:
     """Comparison of curves through the readings of one machine's pressures.
 
     kernel:     compiled or interpreted functions
     signals:    (P,) numbers of the pressures
-    exchanges:  possible swaps as pairs of pressure numbers: both sides of a cylinder; the nodes of two cylinders
-    pairs:      pairs of all exchanges one after the other, as the kernel takes them; -1 where an exchange has fewer
-    most_pairs: largest number of pairs of an exchange
+    swaps:      possible swaps as pairs of pressure numbers: both sides of a cylinder; the nodes of two cylinders
+    pairs:      pairs of all swaps one after the other, as the kernel takes them; -1 where a swap has fewer
+    most_pairs: largest number of pairs of a swap
     every:      steps between two readings, so many that the slowest signal is sent anew for each reading
     least:      log likelihood ratio from which on a step is suspected; infinite for a machine without pressures
     gate:       (P,) change between two readings below which nothing is tested: half of the least step that could be
@@ -81,9 +81,9 @@ class LeapTest:
     def __init__(self, machine: Machine, rate_hz: float, kernel: Kernel | None = None) -> None:
         self.kernel, self.signals = kernel or choice.chosen(), pressures(machine)
         own = [machine.signals[k] for k in self.signals]
-        self.exchanges = _exchanges(machine)
+        self.swaps = _swaps(machine)
         self.every = max(1, round(max((s.period_s for s in own), default=0.0) * rate_hz))
-        tests = 3600.0 * HOURS * rate_hz * (len(own) + len(self.exchanges))
+        tests = 3600.0 * HOURS * rate_hz * (len(own) + len(self.swaps))
         self.least = log(tests) if tests else inf
         self._noise = np.array([max(s.standard_error, RESOLVED) ** 2 for s in own])  # variance (P,) [Pa^2]
         self.curves = _curves()
@@ -94,8 +94,8 @@ class LeapTest:
         self._any_step = widths + log(2.0 * abs(self._rise))
         self._anything = AFTER * (widths - 0.5)
         self.gate = self._gate()
-        self.most_pairs = max(map(len, self.exchanges), default=0)
-        filled = [(*pairs, *[(-1, -1)] * (self.most_pairs - len(pairs))) for pairs in self.exchanges]
+        self.most_pairs = max(map(len, self.swaps), default=0)
+        filled = [(*pairs, *[(-1, -1)] * (self.most_pairs - len(pairs))) for pairs in self.swaps]
         self.pairs = counts(p for pairs in filled for pair in pairs for p in pair)
 
     def _gate(self) -> Numbers:
@@ -103,7 +103,7 @@ class LeapTest:
         squares = min(FREE * (exp(self.least / FREE) - 1.0), 0.5 * many * (exp(4.0 * self.least / many) - 1.0))
         return numbers(0.5 * (sqrt(squares) / abs(self._rise)) * np.sqrt(self._noise))
 
-    def leap(self, readings: Array) -> SensorDoubt:
+    def suspicion(self, readings: Array) -> SensorSuspicion:
         """Return the suspicion of pressures that stepped, or were swapped, AFTER readings before the last one.
 
         readings: (T, P) [Pa]: the last AFTER of them, BEFORE before those; earlier ones, for the noise, if T = LONGEST
@@ -111,32 +111,32 @@ class LeapTest:
         window = np.ascontiguousarray(readings[-WINDOW:])
         size, bends = window.shape[1], DEGREE + 1
         limits = (self.curves, bends, self._noise, float(FREE), float(KNOWN), self.least)
-        exchanges = (self.pairs, len(self.exchanges), self.most_pairs)
+        swaps = (self.pairs, len(self.swaps), self.most_pairs)
         room, misfit = ZERO * (2 * size * (bends + 2)), ZERO * (2 * size)
-        # bit 0: a step is certain, bit 1: an exchange is
-        found = self.kernel.sure_leaps(size, window, len(window), BEFORE, *limits, *exchanges, room, misfit)
+        # bit 0: a step is certain, bit 1: a swap is
+        found = self.kernel.certain_steps(size, window, len(window), BEFORE, *limits, *swaps, room, misfit)
         swapped = self._swapped(window, *np.frombuffer(misfit).reshape(2, size)) if found > 1 else ()
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
-            return SensorDoubt(Level.DOUBTED, SensorFault.SWAPPED, signals)
+            return SensorSuspicion(Level.SUSPECTED, SensorFault.SWAPPED, signals)
         return self._stepped(window, readings[:-WINDOW]) if found % 2 else NOTHING_SUSPECTED
 
-    def _stepped(self, window: Array, earlier: Array) -> SensorDoubt:
+    def _stepped(self, window: Array, earlier: Array) -> SensorSuspicion:
         """Return the suspicion of the pressure that stepped alone, if one did.
 
         window:  (WINDOW, P) last readings [Pa]
         earlier: (T, P) readings before them [Pa]
         """
         along = self.curves.T @ (window - window[0])
-        left = ((window - window[0]) ** 2).sum(axis=0) - (along**2).sum(axis=0)
+        squared = ((window - window[0]) ** 2).sum(axis=0) - (along**2).sum(axis=0)
         known = self._noise_before(earlier)
-        plain, stepped = self._unlikely(left + along[-1] ** 2, known), self._unlikely(left, known)
+        plain, stepped = self._unlikely(squared + along[-1] ** 2, known), self._unlikely(squared, known)
         most = int(np.argmax(plain - stepped))
         alone = -float(plain.sum() - plain[most] + stepped[most] + self._any_step[most])
         if plain[most] - stepped[most] <= self.least or alone <= self._blow(plain, stepped):
             return NOTHING_SUSPECTED
         size = float(along[-1, most] / self._rise)
-        return SensorDoubt(Level.DOUBTED, SensorFault.STEPPED, (self.signals[most],), size)
+        return SensorSuspicion(Level.SUSPECTED, SensorFault.STEPPED, (self.signals[most],), size)
 
     def _noise_before(self, earlier: Array) -> Array | None:
         """Return the variance (P,) [Pa^2] of the residual of curves through `earlier` readings (T, P).
@@ -145,18 +145,18 @@ class LeapTest:
         if len(earlier) < KEPT:
             return None
         pieces = earlier.reshape(PIECES, WINDOW, -1) - earlier.reshape(PIECES, WINDOW, -1)[:, :1]
-        left = (pieces**2).sum(axis=1) - ((self.curves[:, :-1].T @ pieces) ** 2).sum(axis=1)
-        return np.asarray(np.maximum(left.mean(axis=0) / (FREE + 1), self._noise))
+        squared = (pieces**2).sum(axis=1) - ((self.curves[:, :-1].T @ pieces) ** 2).sum(axis=1)
+        return np.asarray(np.maximum(squared.mean(axis=0) / (FREE + 1), self._noise))
 
-    def _unlikely(self, left: Array, known: Array | None) -> Array:
+    def _unlikely(self, squared: Array, known: Array | None) -> Array:
         """Return minus the log likelihood [nats] of a residual: Student's, if the earlier variance is known.
 
-        left:  squares of the residual [Pa^2]
-        known: (P,) variance of the earlier readings [Pa^2]; None: not known
+        squared: squares of the residual [Pa^2]
+        known:   (P,) variance of the earlier readings [Pa^2]; None: not known
         """
         if known is None:
-            return self._misfit(left, self._noise)
-        share = (KNOWN + left / known) / (KNOWN + FREE)
+            return self._misfit(squared, self._noise)
+        share = (KNOWN + squared / known) / (KNOWN + FREE)
         return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(share, 1.0)))
 
     def _blow(self, plain: Array, stepped: Array) -> float:
@@ -170,13 +170,13 @@ class LeapTest:
         either = np.logaddexp(np.logaddexp(-plain, -stepped - self._any_step), -self._anything)
         return float(np.sum(either - log(3.0)))
 
-    def _misfit(self, left: Array, noise: Array) -> Array:
+    def _misfit(self, squared: Array, noise: Array) -> Array:
         """Return minus the log likelihood [nats] of a residual with a variance of its own, 0 up to that of the noise.
 
-        left:  squares of the residual [Pa^2]
-        noise: least variance [Pa^2]
+        squared: squares of the residual [Pa^2]
+        noise:   least variance [Pa^2]
         """
-        return np.asarray(0.5 * FREE * np.log(np.maximum(left / (FREE * noise), 1.0)))
+        return np.asarray(0.5 * FREE * np.log(np.maximum(squared / (FREE * noise), 1.0)))
 
     def _crossed(self, window: Array) -> Array:
         """Return the squared residuals (P, P) [Pa^2] of curves through two pressures.
@@ -192,20 +192,20 @@ class LeapTest:
 
         Both signals of a pair must be evidence, and the weaker evidence counts twice. A swap must be likelier than a
         blow."""
-        left, blow = self._crossed(window), self._blow(plain, stepped)
-        crossed = self._misfit(left, np.maximum(self._noise[:, None], self._noise))
+        squared, blow = self._crossed(window), self._blow(plain, stepped)
+        crossed = self._misfit(squared, np.maximum(self._noise[:, None], self._noise))
         better = np.diagonal(crossed)[:, None] - crossed  # (P, P): if the last readings are those of another
-        ratio = [sum(2.0 * min(better[a, b], better[b, a]) for a, b in pairs) for pairs in self.exchanges]
+        ratio = [sum(2.0 * min(better[a, b], better[b, a]) for a, b in pairs) for pairs in self.swaps]
         most = int(np.argmax(ratio)) if ratio else 0
         if not ratio or ratio[most] <= self.least:
             return ()
-        pairs = self.exchanges[most]
+        pairs = self.swaps[most]
         likely = -float(plain.sum())
         likely += sum(float(plain[a] + plain[b] - crossed[a, b] - crossed[b, a]) for a, b in pairs)
         return pairs if likely > blow else ()
 
 
-def _exchanges(machine: Machine) -> list[Pairs]:
+def _swaps(machine: Machine) -> list[Pairs]:
     places = {(s.index, s.kind): p for p, s in enumerate(machine.signals[k] for k in pressures(machine))}
     both = [c for c in range(len(machine.cylinders)) if {(c, k) for k in SIDES} <= set(places)]
     sides: list[Pairs] = [((places[c, SIDES[0]], places[c, SIDES[1]]),) for c in both]
@@ -223,7 +223,7 @@ def _curves() -> Array:
     return np.ascontiguousarray(found)
 
 
-class LeapConstants(Constants):
+class StepConstants(Constants):
     """Constants of the steps of one machine's pressures.
 
     test:      comparison of curves
@@ -235,22 +235,22 @@ class LeapConstants(Constants):
 
     def __init__(self, machine: MonitoredMachine) -> None:
         model, self.blocks = machine.model, machine.blocks
-        self.test = LeapTest(model.machine, model.filters.rate_hz)
+        self.test = StepTest(model.machine, model.filters.rate_hz)
         self.reversals = ReversalConstants(model, machine.tares, AFTER * self.test.every)
         self.settled = EVERY * SAMPLES + model.settle_steps
         self.pick = picker(model.machine)
 
-    def error_of(self, doubt: SensorDoubt) -> tuple[int, float]:
+    def error_of(self, suspicion: SensorSuspicion) -> tuple[int, float]:
         """Return the number of the suspected signal in the blocks, and its error [bar on the head side]."""
         machine = self.blocks.model.machine
-        signal = machine.signals[doubt.signals[0]]
+        signal = machine.signals[suspicion.signals[0]]
         cylinder = machine.cylinders[signal.index]
         side = 1.0 if signal.kind is Kind.HEAD_PRESSURE else -cylinder.area_rod / cylinder.area_head
-        return self.blocks.pressed.index(signal.index), side * doubt.size / BAR
+        return self.blocks.pressed.index(signal.index), side * suspicion.size / BAR
 
 
 @dataclass(slots=True)
-class PressureLeap(Detector):
+class PressureStep(Detector):
     """Pressures that stepped, were swapped, or returned from outside their range.
 
     constants: of the machine
@@ -266,7 +266,7 @@ class PressureLeap(Detector):
     in_air:    number of these seconds that a load explains
     """
 
-    constants: LeapConstants
+    constants: StepConstants
     reversals: Reversals
     readings: Numbers
     before: Numbers
@@ -277,21 +277,12 @@ class PressureLeap(Detector):
     votes: float
     seconds: int
     in_air: int
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.SWAPPED, SensorFault.STEPPED, SensorFault.STRAYED),
-        looks_at="the last 0.15 s of all pressures; a pressure that was outside its range for more than 0.2 s",
-        residual="log likelihood ratio of a curve with a step, or of exchanged curves, to curves that go on",
-        threshold="some 17.6: exceeded once in ten hours (Markov's inequality); and likelier than a blow",
-        levels="suspected after 50 ms, also in the ground; a strayed pressure at once",
-        recovery="seconds in the air that are explained better without the step (Wald, 1 %), or four by a load",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
         """Return the state before any reading."""
-        constants, empty = machine.constants(LeapConstants), array("d")
+        constants, empty = machine.constants(StepConstants), array("d")
         return cls(
             constants,
             reversals=Reversals.start(constants.reversals),
@@ -313,27 +304,27 @@ class PressureLeap(Detector):
         self._forget_readings()
         self.steps = self.since = 0
         self.reversals.clear()
-        strayed = tuple(k for k in why.strayed if k in self.constants.test.signals)
-        if strayed and self.doubt.level is Level.FINE:
-            self._suspect(SensorDoubt(Level.DOUBTED, SensorFault.STRAYED, strayed))
+        out_of_range = tuple(k for k in why.out_of_range if k in self.constants.test.signals)
+        if out_of_range and self.report.level is Level.FINE:
+            self._suspect(SensorSuspicion(Level.SUSPECTED, SensorFault.BACK_IN_RANGE, out_of_range))
 
     def _forget_readings(self) -> None:
         self.readings, self.before, self.arrivals, self.late = array("d"), array("d"), array("d"), 0
 
-    def _suspect(self, doubt: SensorDoubt) -> None:
-        self.doubt, self.votes, self.seconds, self.in_air = doubt, 0.0, 0, 0
+    def _suspect(self, suspicion: SensorSuspicion) -> None:
+        self.report, self.votes, self.seconds, self.in_air = suspicion, 0.0, 0, 0
 
     def on_step(self, features: Features) -> None:
         """Update the report with the pressures of a step; discard a new suspicion that friction explains."""
         now, steps = features.now, features.now.pipeline.steps
         self.reversals.update(now.instant, steps)
-        known, since, votes = self.doubt, self.since, self.votes
+        known, since, votes = self.report, self.since, self.votes
         arrivals = self.constants.pick(now.arrivals) if now.arrivals else array("d")
         self.take(features.groups.now, steps, arrivals)
-        if self.doubt is known or self.doubt.cause is not SensorFault.STEPPED:
+        if self.report is known or self.report.cause is not SensorFault.STEPPED:
             return
-        if self.reversals.explains(self.doubt, steps, now.instant.speed, now.values, now.drift):
-            self.doubt, self.since, self.votes = known, since, votes
+        if self.reversals.explains(self.report, steps, now.instant.speed, now.values, now.drift):
+            self.report, self.since, self.votes = known, since, votes
 
     def take(self, now: Numbers, steps: int, arrivals: Numbers) -> None:
         """Update the report with the pressures of a step. A few missing readings are linearly interpolated.
@@ -379,9 +370,9 @@ class PressureLeap(Detector):
         sound = not self.late & BESIDE and self.late.bit_count() <= 1
         if last < BEFORE or not sound or not test.kernel.suspicious(size, self.readings, last, test.gate):
             return
-        doubt = test.leap(np.frombuffer((self.before + self.readings)[-LONGEST * size :]).reshape(-1, size))
-        if doubt.level is not Level.FINE:
-            self._suspect(doubt)
+        suspicion = test.suspicion(np.frombuffer((self.before + self.readings)[-LONGEST * size :]).reshape(-1, size))
+        if suspicion.level is not Level.FINE:
+            self._suspect(suspicion)
             self.since = steps
 
     def on_sample(self, features: Features) -> None:
@@ -392,12 +383,12 @@ class PressureLeap(Detector):
     def vote(self, block: Block) -> None:
         """Update the votes on the suspicion with a second of motion."""
         c, rated = self.constants, self.constants.blocks.rated
-        if self.doubt.level is Level.FINE or self.steps - self.since <= c.settled:
+        if self.report.level is Level.FINE or self.steps - self.since <= c.settled:
             return
-        stepped, explained = self.doubt.cause is SensorFault.STEPPED, block.explained(rated)
+        stepped, explained = self.report.cause is SensorFault.STEPPED, block.explained(rated)
         if stepped:
             x = np.zeros(c.blocks.size)
-            signal, x[signal] = c.error_of(self.doubt)
+            signal, x[signal] = c.error_of(self.report)
             better = float(cost(block, x, rated)[signal] - cost(block, 0.0, rated)[signal])
             votes = self.votes + min(max(better, -MOST), MOST)
         else:

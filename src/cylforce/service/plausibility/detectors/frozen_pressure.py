@@ -6,14 +6,14 @@ noise of a frozen sensor is white. Where the variance within a mean exceeds that
 oscillates, and the sensor is not frozen."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
-from cylforce.estimation.kernel.heard import GROUPS
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine, doubt_of
+from cylforce.estimation.kernel.pressures import GROUPS
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, suspicion_of
 from cylforce.service.plausibility.pressure_groups import CHANGES, COLOURED, GroupConstants, Mask
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorFault, SensorSuspicion
 
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
 # change. A constant with white noise exceeds it once in fifty times; healthy machines are at 4 and more.
@@ -21,7 +21,7 @@ CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exc
 
 
 @dataclass(slots=True)
-class StuckPressure(Detector):
+class FrozenPressure(Detector):
     """Pressures that do not change in 4 s of motion.
 
     constants: of the pressures
@@ -30,16 +30,7 @@ class StuckPressure(Detector):
 
     constants: GroupConstants
     constant: Mask
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.STUCK,),
-        looks_at="one pressure while its cylinder moves for 4 s, 1 s at least each way",
-        residual="variance of its means over 0.25 s, over that expected from its noise",
-        threshold="1.9: a constant exceeds it once in fifty times; a machine in order is at 4 and more",
-        levels="rejected after 4 s of motion",
-        recovery="when it changes: above 3.7, which a constant exceeds once in ten hours",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -56,4 +47,4 @@ class StuckPressure(Detector):
         constant = np.where(varied >= 0.0, (varied <= limit) & ~(coloured > COLOURED), self.constant)
         if (constant != self.constant).any():
             self.constant = constant
-            self.doubt = doubt_of(constant, self.constants.signals, SensorFault.STUCK)
+            self.report = suspicion_of(constant, self.constants.signals, SensorFault.FROZEN)

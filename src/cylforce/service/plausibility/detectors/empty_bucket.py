@@ -15,17 +15,17 @@ second after a dump, are no evidence."""
 
 from dataclasses import dataclass
 from math import hypot, pi, sqrt
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
-from cylforce.estimation.residual import GOOD_ENOUGH, SMALLEST
+from cylforce.estimation.residual import EMPTY_BELOW, GOOD_ENOUGH
 from cylforce.service.adaptation import DriftFilter
 from cylforce.service.booking import LATER_S
 from cylforce.service.loading.lift import Lift
-from cylforce.service.plausibility.constant_error import HARMLESS
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine
+from cylforce.service.plausibility.detectors.constant_error import HARMLESS
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants
 from cylforce.service.weighing import COLD, FARTHEST
 from cylforce.signals.estimate import Array, Quantity, Status
@@ -82,16 +82,7 @@ class EmptyBucket(Detector):
     constants: EmptyConstants
     fault: SensorFault = SensorFault.NONE
     wrong_since: int = NEVER
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.LIGHT, SensorFault.MISPLACED),
-        looks_at="weight and moments of the empty bucket, in a lift that goes on for 0.3 s",
-        residual="by how much it weighs less than nothing; distance of its moments from those of a mass within reach",
-        threshold="three standard errors (machines in order: 2.2) and 1 % of the rated payload",
-        levels="suspected at the first return with an empty bucket",
-        recovery="when it is seen empty with a weight and moments that are possible",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -108,9 +99,9 @@ class EmptyBucket(Detector):
         now = features.now
         self.take(now.gross, now.lift, now.drift)
         if self.fault is SensorFault.NONE:
-            self.doubt = NOTHING_SUSPECTED
-        elif self.fault is not self.doubt.cause:
-            self.doubt = SensorDoubt(Level.DOUBTED, self.fault, self.constants.all)
+            self.report = NOTHING_SUSPECTED
+        elif self.fault is not self.report.cause:
+            self.report = SensorSuspicion(Level.SUSPECTED, self.fault, self.constants.all)
 
     def take(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> None:
         """Update the fault with the gross weight [kg] of a lift.
@@ -118,7 +109,7 @@ class EmptyBucket(Detector):
         As for a booking, the lift must continue for LATER_S, because the samples before the end of a lift are no
         weight."""
         c, taken = self.constants, lift.taken
-        if gross.status is not Status.OK or gross.value > SMALLEST * c.rated:
+        if gross.status is not Status.OK or gross.value > EMPTY_BELOW * c.rated:
             self.wrong_since = NEVER
             return
         fault = self._fault(gross, lift, drift)
@@ -139,9 +130,9 @@ class EmptyBucket(Detector):
         colder, more = (1.0, 0.0) if drift.returned else (COLD**2, lift.error_by_drift(drift.covariance))
         margin = BELOW * hypot(gross.standard_error, sqrt(colder - 1.0) * more)
         if gross.value < -max(margin, HARMLESS * c.rated):
-            return SensorFault.LIGHT
+            return SensorFault.NEGATIVE_WEIGHT
         moments, covariance = lift.moments(c.tares, drift, colder)
         if float(np.trace(covariance[1:, 1:])) > (GOOD_ENOUGH * c.rated * c.reach) ** 2:
-            return self.fault if self.fault is SensorFault.MISPLACED else SensorFault.NONE
+            return self.fault if self.fault is SensorFault.IMPOSSIBLE_MOMENTS else SensorFault.NONE
         moments[0] = max(moments[0], gross.value, 0.0) + HARMLESS * c.rated / FARTHEST
-        return SensorFault.MISPLACED if distance(moments, covariance, c.reach) > BELOW else SensorFault.NONE
+        return SensorFault.IMPOSSIBLE_MOMENTS if distance(moments, covariance, c.reach) > BELOW else SensorFault.NONE

@@ -10,7 +10,7 @@ only the vertical part counts."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -19,19 +19,18 @@ from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.contact.hanging_mass import hanging_weight
 from cylforce.service.plausibility.detector import (
     EVERY,
-    Description,
     Detector,
     Features,
     Interruption,
     MonitoredMachine,
 )
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants
 from cylforce.signals.estimate import Array, Force, Status
 from cylforce.signals.kinds import Kind
 
 # m of driven path of the tool from which on the forces are suspected or rejected; chosen
-FARTHEST = {Level.DOUBTED: 0.25, Level.REJECTED: 0.5}
+FARTHEST = {Level.SUSPECTED: 0.25, Level.REJECTED: 0.5}
 LEAST = 0.02  # times the rated force: smallest driving force that counts; chosen
 SURE = 5.0  # standard errors that it must exceed; chosen
 SLOWEST = 0.05  # m/s of the tool below which its direction is not known; chosen
@@ -98,16 +97,7 @@ class DrivenTool(Detector):
     alone: float
     first: tuple[float, float]
     opposite: float
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.EXCHANGED,),
-        looks_at="the force less that of any load, along the way of the tool",
-        residual="path over which it drives the tool, by more than 5 standard errors and 2 % of the rated force",
-        threshold="0.25 m suspected, 0.5 m rejected; chosen: soil springs back by centimetres",
-        levels="rejected; latched if it was driven over 0.25 m both ways",
-        recovery="when four seconds in the air in a row are explained by a load; latched: at the next start",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -130,7 +120,7 @@ class DrivenTool(Detector):
     @property
     def confirmed(self) -> bool:
         """Return whether the tool was driven in both directions, by as much as begins a suspicion in each."""
-        return min(self.path - self.opposite, self.opposite) > FARTHEST[Level.DOUBTED]
+        return min(self.path - self.opposite, self.opposite) > FARTHEST[Level.SUSPECTED]
 
     def interrupt(self, why: Interruption) -> None:
         """Reset the path; the suspicion stays until the next sample."""
@@ -147,12 +137,12 @@ class DrivenTool(Detector):
         self.take(now.forces.resultant, now.instant.velocity, now.residual, soil)
         level = self.level
         if level is Level.FINE:
-            self.doubt = NOTHING_SUSPECTED
+            self.report = NOTHING_SUSPECTED
         else:
             # report the cylinders of the joint with the largest residual torque over its reach
             joint = int((self.strain / self.constants.outward).argmax())
             signals = self.constants.acting[joint]
-            self.doubt = SensorDoubt(level, SensorFault.EXCHANGED, signals, confirmed=self.confirmed)
+            self.report = SensorSuspicion(level, SensorFault.CONTRADICTS_MOTION, signals, confirmed=self.confirmed)
 
     def take(self, resultant: Force, velocity: complex, residual: Numbers, soil: Force | None = None) -> None:
         """Update the path with one sample. A force that resists reduces the path by the way of that sample.

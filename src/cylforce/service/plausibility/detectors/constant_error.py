@@ -9,7 +9,7 @@ resemble a constant error."""
 
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from cylforce.estimation.residual import GOOD_ENOUGH
 from cylforce.mechanics.machine import FORCE_KINDS
 from cylforce.service.plausibility.blocks import BAR, SLOWEST, Block, cost, no_blocks
 from cylforce.service.plausibility.common_friction import OneFriction
-from cylforce.service.plausibility.detector import Description, Detector, Features, Interruption, MonitoredMachine
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.detector import Detector, Features, Interruption, MonitoredMachine
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
@@ -26,7 +26,7 @@ from cylforce.signals.kinds import Kind
 KEPT = 48  # blocks that vote
 # False alarms in an hour of motion, if the residual torque has the variance of commissioning: each signal is tested
 # once a second.
-FALSE_PER_HOUR = {Level.DOUBTED: 1.0, Level.REJECTED: 0.01}
+FALSE_PER_HOUR = {Level.SUSPECTED: 1.0, Level.REJECTED: 0.01}
 VOTES = 4  # least number of blocks for a rejection
 # Evidence of an error of a signal, from which on nothing is OK: chi-squared, exceeded by 1 %; healthy machines: 6.4
 UNSURE = 6.635
@@ -106,19 +106,19 @@ class VoteConstants(Constants):
         confirmed = evidence[signal] > UNSURE and both_ways(blocks, votes[k, :, signal])
         return ConstantOffset(signal, float(sizes[k, signal]), evidence[signal], unsure, confirmed)
 
-    def doubt(self, offset: ConstantOffset) -> SensorDoubt:
+    def suspicion(self, offset: ConstantOffset) -> SensorSuspicion:
         """Return the suspicion of an error."""
-        if offset.evidence <= self.limits[Level.DOUBTED]:
+        if offset.evidence <= self.limits[Level.SUSPECTED]:
             return NOTHING_SUSPECTED
-        level = Level.REJECTED if offset.evidence > self.limits[Level.REJECTED] else Level.DOUBTED
+        level = Level.REJECTED if offset.evidence > self.limits[Level.REJECTED] else Level.SUSPECTED
         blocks, signals = self.blocks, self.blocks.model.machine.signals
         if offset.signal < len(blocks.pressed):
             cylinder = blocks.pressed[offset.signal]
             own = tuple(k for k, s in enumerate(signals) if s.kind in FORCE_KINDS and s.index == cylinder)
-            return SensorDoubt(level, SensorFault.OFFSET, own, BAR * offset.size)
+            return SensorSuspicion(level, SensorFault.OFFSET, own, BAR * offset.size)
         joint = blocks.turned[offset.signal - len(blocks.pressed)]
         own = tuple(k for k, s in enumerate(signals) if s.kind is Kind.JOINT_ANGLE and s.index == joint)
-        return SensorDoubt(level, SensorFault.SLIPPED, own, offset.size, offset.confirmed)
+        return SensorSuspicion(level, SensorFault.SLIPPED, own, offset.size, offset.confirmed)
 
 
 def scatter(blocks: Block) -> Array:
@@ -126,7 +126,7 @@ def scatter(blocks: Block) -> Array:
 
     It is the mean square of an independent sample, beside the best error of a signal, in units of its variance."""
     most = (blocks.linear**2 / blocks.square).max(axis=1, keepdims=True)
-    return np.asarray(np.maximum((blocks.left - most) / blocks.weight, 1.0))
+    return np.asarray(np.maximum((blocks.residual - most) / blocks.weight, 1.0))
 
 
 def begins(votes: Array) -> int:
@@ -158,16 +158,7 @@ class ConstantError(Detector):
     constants: VoteConstants
     blocks: Block
     offset: ConstantOffset = NO_OFFSET
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.OFFSET, SensorFault.SLIPPED),
-        looks_at="the torques of all joints in the air: one load must explain them",
-        residual="votes of the last 48 seconds of motion: twice the log likelihood ratio of an error and of none",
-        threshold="chi-squared: one suspicion in an hour, one rejection in a hundred hours; four seconds must agree",
-        levels="rejected after 4 s or more of motion; an angle is latched if both directions of motion confirm it",
-        recovery="when they agree again",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -189,4 +180,4 @@ class ConstantError(Detector):
         if features.blocks.block is not None:
             self.blocks = self.blocks.followed_by(features.blocks.block, KEPT)
             self.offset = self.constants.likeliest(self.blocks)
-            self.doubt = self.constants.doubt(self.offset)
+            self.report = self.constants.suspicion(self.offset)

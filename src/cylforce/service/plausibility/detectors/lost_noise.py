@@ -6,11 +6,11 @@ of the 15 s before (`pressure_groups`). A slower pump also reduces the noise. Th
 pressure changes, and the noise is learned anew."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, suspicion_of
 from cylforce.service.plausibility.pressure_groups import GroupConstants
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 
 
 @dataclass(slots=True)
@@ -21,16 +21,7 @@ class LostNoise(Detector):
     """
 
     constants: GroupConstants
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.STUCK,),
-        looks_at="one pressure while its cylinder moves, or rests while another one moves",
-        residual="variance of the last 0.25 to 1 s over that of its noise",
-        threshold="0.14 to 0.44: white noise falls below once in ten hours of motion (chi-squared)",
-        levels="suspected after 0.3 to 1.3 s",
-        recovery="when it changes in 4 s of motion, 1 s at least each way",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -40,4 +31,6 @@ class LostNoise(Detector):
     def on_step(self, features: Features) -> None:
         """Update the report when a group has ended."""
         if features.groups.ended:
-            self.doubt = doubt_of(features.groups.gone, self.constants.signals, SensorFault.STUCK, Level.DOUBTED)
+            self.report = suspicion_of(
+                features.groups.gone, self.constants.signals, SensorFault.FROZEN, Level.SUSPECTED
+            )

@@ -1,13 +1,13 @@
 """Detectors of a pressure that falls to zero within 50 ms (a burst hose), and of one below vacuum (a wrong reading)."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
-from cylforce.service.plausibility.detector import Description, Detector, Features, MonitoredMachine, doubt_of
+from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, suspicion_of
 from cylforce.service.plausibility.pressure_groups import KEPT, GroupConstants, Mask
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorDoubt, SensorFault
+from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorFault, SensorSuspicion
 from cylforce.signals.estimate import Array
 
 FALL_STEPS = KEPT // 2  # 50 ms at 100 Hz, of the fall and of the time after it; healthy pressures dip for one step
@@ -35,16 +35,7 @@ class BelowVacuum(Detector):
 
     constants: GroupConstants
     below: Mask
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.IMPOSSIBLE,),
-        looks_at="one pressure",
-        residual="the pressure, for 50 ms",
-        threshold="-2 bar: vacuum is -1 bar, a zero may be off by another",
-        levels="rejected and latched when the chamber is next without load",
-        recovery="at the next start",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -57,7 +48,7 @@ class BelowVacuum(Detector):
         if recent is not None:
             below = self.below | (recent[-FALL_STEPS:].max(axis=0) < VACUUM)
             if (below != self.below).any():
-                self.below, self.doubt = below, doubt_of(below, self.constants.signals, SensorFault.IMPOSSIBLE)
+                self.below, self.report = below, suspicion_of(below, self.constants.signals, SensorFault.BELOW_VACUUM)
 
 
 @dataclass(slots=True)
@@ -70,16 +61,7 @@ class BurstHose(Detector):
 
     constants: GroupConstants
     burst: Mask
-    doubt: SensorDoubt = NOTHING_SUSPECTED
-
-    DESCRIPTION: ClassVar[Description] = Description(
-        faults=(SensorFault.BURST,),
-        looks_at="one pressure",
-        residual="the pressure before and after 50 ms, and for as long as that",
-        threshold="from above 20 bar (above any return line) to below 1 bar (a sensor's error of zero)",
-        levels="rejected and latched after 100 ms",
-        recovery="at the next start",
-    )
+    report: SensorSuspicion = NOTHING_SUSPECTED
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
@@ -95,4 +77,4 @@ class BurstHose(Detector):
         falls = (most < NOTHING) & (most >= VACUUM) & (recent[-1 - 2 * FALL_STEPS] > FALLS)
         burst = self.burst | falls
         if (burst != self.burst).any():
-            self.burst, self.doubt = burst, doubt_of(burst, self.constants.signals, SensorFault.BURST)
+            self.burst, self.report = burst, suspicion_of(burst, self.constants.signals, SensorFault.BURST)
