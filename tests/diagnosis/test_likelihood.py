@@ -19,7 +19,7 @@ from cylforce.diagnosis.likelihood import (
     Nuisance,
     Payload,
     ResidualNoise,
-    Warmth,
+    TemperatureChange,
     effective_share,
     free_stretches,
     largest_discrepancy,
@@ -112,7 +112,7 @@ def test_run_to_run_variation_widens_what_is_known_of_the_parameters():
 def test_another_temperature_widens_what_is_known_of_friction_and_of_the_zeros_of_pressure_sensors():
     found, machine = five_columns(3)
     zeros, friction = np.diag([0.0, 0.0, 0.3, 0.0, 0.0]) ** 2, np.outer(*[[0.5, 0.4, 0.0, 0.0, 0.0]] * 2)
-    case = of_five(found, replace(machine, warmth=Warmth(zeros, friction)))
+    case = of_five(found, replace(machine, temperature=TemperatureChange(zeros, friction)))
     for part in (0.0, 0.3, 1.0):
         log = case.state(replace(NOISE, conditions=Conditions(temperature=part))).log
         assert log == pytest.approx(brute_force(found, MEAN, FIVE + zeros + part**2 * friction, NOISE), abs=0.02)

@@ -727,34 +727,34 @@ def log_of_other_rows(residual: Array, usable: Mask, found: Sequence[FreeStretch
 class MachineKnowledge:
     """Statistics of the healthy machine, in units of the columns' typical sizes.
 
-    mean:       (K,) of the columns
-    covariance: (K, K) of the columns
-    variation:  (K,) standard deviations of the run-to-run variation
-    noise:      of the residual
-    warmth:     change at another temperature; None if that is no explanation
+    mean:        (K,) of the columns
+    covariance:  (K, K) of the columns
+    variation:   (K,) standard deviations of the run-to-run variation
+    noise:       of the residual
+    temperature: change at another temperature; None if that is no explanation
     """
 
     mean: Array
     covariance: Array
     variation: Array
     noise: ResidualNoise
-    warmth: "Warmth | None" = None
+    temperature: "TemperatureChange | None" = None
 
     @property
     def conditions(self) -> tuple[Conditions, ...]:
         """Conditions that are tried."""
-        return USUAL_CONDITIONS if self.warmth is None else (*USUAL_CONDITIONS, *TEMPERATURES)
+        return USUAL_CONDITIONS if self.temperature is None else (*USUAL_CONDITIONS, *TEMPERATURES)
 
     def under(self, conditions: Conditions) -> Array:
         """Return the covariance (K, K) of the columns under some conditions."""
         found = self.covariance + np.diag((conditions.variation * self.variation) ** 2)
-        if self.warmth is not None and conditions.temperature is not None:
-            found = found + self.warmth.zeros + conditions.temperature**2 * self.warmth.friction
+        if self.temperature is not None and conditions.temperature is not None:
+            found = found + self.temperature.zeros + conditions.temperature**2 * self.temperature.friction
         return found
 
 
 @dataclass(frozen=True)
-class Warmth:
+class TemperatureChange:
     """Covariance of the change of a healthy machine at another temperature, in units of the columns' typical sizes.
 
     zeros:    (K, K) of the zeros of pressure sensors
@@ -764,9 +764,9 @@ class Warmth:
     zeros: Array
     friction: Array
 
-    def padded(self, more: int) -> "Warmth":
+    def padded(self, more: int) -> "TemperatureChange":
         """Return the change of a machine with further columns that the temperature does not change."""
-        return Warmth(*(np.pad(each, (0, more)) for each in (self.zeros, self.friction)))
+        return TemperatureChange(*(np.pad(each, (0, more)) for each in (self.zeros, self.friction)))
 
 
 @dataclass(frozen=True)

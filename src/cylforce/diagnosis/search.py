@@ -37,7 +37,7 @@ from cylforce.diagnosis.likelihood import (
     MarginalLikelihood,
     Nuisance,
     Payload,
-    Warmth,
+    TemperatureChange,
     effective_share,
     free_stretches,
     likeliest_noise,
@@ -141,18 +141,18 @@ class Refined:
 class FieldQuestion:
     """Recordings under diagnosis, compared with a healthy machine.
 
-    machine: the healthy machine
-    seen:    the recordings, with the shared sensor noise of each
-    step:    possible change of a known load
-    laid:    rows of each recording that count, in whole blocks; None: all rows
-    apart:   log probability of the rows that do not count
-    noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings removed
-    applied: sizes for which the recordings are corrected, by form
-    jumps:   evidence [nats] of the number of jumps of a reading, by its signal
-    zeros:   readings of pressure sensors without pressure, by their signals
-    free:    whether the model's parameters are free, because they may be another machine's
-    as_warm: whether oil and sensors are certainly as warm as in the references
-    refined: an effect with refined shape parameters, whose columns are appended; None if there is none
+    machine:          the healthy machine
+    seen:             the recordings, with the shared sensor noise of each
+    step:             possible change of a known load
+    laid:             rows of each recording that count, in whole blocks; None: all rows
+    apart:            log probability of the rows that do not count
+    noise:            (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings removed
+    applied:          sizes for which the recordings are corrected, by form
+    jumps:            evidence [nats] of the number of jumps of a reading, by its signal
+    zeros:            readings of pressure sensors without pressure, by their signals
+    free:             whether the model's parameters are free, because they may be another machine's
+    same_temperature: whether oil and sensors are certainly as warm as in the references
+    refined:          an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
     machine: HealthyMachine
@@ -165,7 +165,7 @@ class FieldQuestion:
     jumps: Mapping[int, float] = field(default_factory=dict)
     zeros: Mapping[int, Zero] = field(default_factory=dict)
     free: bool = False
-    as_warm: bool = False
+    same_temperature: bool = False
     refined: Refined | None = None
 
     @cached_property
@@ -306,13 +306,13 @@ class FieldQuestion:
         for k in range(CENTRE * len(self.loaded)):
             covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
         pad = np.zeros(more)
-        warmth = None
-        if not self.as_warm and not self.free and self.machine.source is not KnowledgeSource.DATA_SHEET:
-            warmth = self.warmth.padded(more)
-        return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise, warmth)
+        change = None
+        if not self.same_temperature and not self.free and self.machine.source is not KnowledgeSource.DATA_SHEET:
+            change = self.temperature_change.padded(more)
+        return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise, change)
 
     @cached_property
-    def warmth(self) -> Warmth:
+    def temperature_change(self) -> TemperatureChange:
         """Change of the healthy machine at another temperature, in typical sizes of the columns.
 
         The friction of all cylinders changes together, and each a little by itself. The magnitude of a law is known
@@ -332,7 +332,7 @@ class FieldQuestion:
         for p, columns in zip(self.machine.layout.proposals, self.machine.layout.places, strict=True):
             if p.name == OFFSET:
                 zeros[list(columns)] = THERMAL_ZERO / unit[list(columns)]
-        return Warmth(np.diag(np.square(zeros)), friction)
+        return TemperatureChange(np.diag(np.square(zeros)), friction)
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
         """Return the likelihood of the recordings, or of some of their blocks (B,)."""
@@ -348,8 +348,8 @@ class FieldQuestion:
             covariance = np.zeros((len(unit), len(unit)))
             covariance[: self.size, : self.size] = knowledge.covariance
             mean, variation = np.append(knowledge.mean, zero), np.append(knowledge.variation, zero)
-            warmth = knowledge.warmth and knowledge.warmth.padded(len(zero))
-            knowledge = MachineKnowledge(mean, covariance, variation, knowledge.noise, warmth)
+            change = knowledge.temperature and knowledge.temperature.padded(len(zero))
+            knowledge = MachineKnowledge(mean, covariance, variation, knowledge.noise, change)
         return Likelihood(
             gram, unit, self.forms, knowledge, corrected=self.applied, support=self.evidence_for, apart=self.apart
         )
@@ -1004,7 +1004,7 @@ def examined(
     case = question.likelihood()
     gaps = case.rests(question.plain)
     if np.count_nonzero(~without_gap(gaps)) < 2:  # the temperature changes every cylinder and its sensors
-        question = replace(question, as_warm=True)
+        question = replace(question, same_temperature=True)
         case = question.likelihood()
     step = changed_load(question, case)
     if step:
