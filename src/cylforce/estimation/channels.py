@@ -85,7 +85,12 @@ class Channels:
         return all((kind, 0) in self._where for kind in INERTIAL)
 
     def read(self, values: Array) -> Array:
-        """Return channels (..., D) from SI values of all signals (..., S); 0 where a channel is not measured."""
+        """Return channels (..., D) from SI values of all signals (..., S), in the order of the class's description.
+
+        The last channel is the slew rate [rad/s] where a sensor measures it, else the slew angle [rad]. Three channels
+        of the base's motion are present only with an inertial sensor on the base. A joint's angle without an encoder or
+        inclinometer is computed from the length of its cylinder. A force, pitch, roll or slew that no sensor measures
+        is 0."""
         # one sample as numbers: arithmetic with arrays of one element takes many times as long
         each: Signals = values.tolist() if values.ndim == 1 else np.moveaxis(values, -1, 0)
         pitch, roll, slew = (self._value(each, k, 0.0) for k in self.house)

@@ -151,15 +151,16 @@ class DriftFilter(Estimator):
     constants:  of the machine
     root:       information about carry-back and drift (5 + D): deviation from the usual load (4), including its prior;
                 usual amount [kg] and drift (D), without their priors
-    values:     (D,) drift, added to the tares: Coulomb and viscous friction, then pressure zeros
+    values:     (D,) drift, added to the tares: Coulomb and viscous friction [N, N s/m], then pressure zeros [N]
     covariance: (D, D) of the drift
-    scale:      (2,) variance of friction and of zeros in units of the prior's
-    waited:     number of steps since the last update
-    mass:       weight that the empty bucket would show without the adaptation [kg]
+    scale:      (2,) this machine's variance of friction and of zeros, over the variance of the prior
+    waited:     number of usable instants since the last update
+    mass:       weight that the empty bucket would show without the adaptation, smoothed over the updates [kg]
     following:  whether the last instant was usable; else nothing changes
     informed:   whether the root contains information about the present carry-back
-    updates:    number of updates
-    returned:   whether the updates count as one measurement or more, or only a drift between strokes is expected
+    updates:    number of updates of all returns so far
+    returned:   whether there were as many updates as count as one independent measurement (`DriftConstants.memory`);
+                from the start True if only a drift between strokes is expected
     """
 
     constants: DriftConstants
@@ -212,12 +213,14 @@ class DriftFilter(Estimator):
     def update(self, residual: InstantResidual, usable: Numbers) -> None:
         """Update the drift with one instant with an empty bucket in the air.
 
+        Only every EVERY-th instant with a row that can be used changes the drift.
+
         Rows at very low speed are not used: break-away friction would appear there as a pressure zero and, with the
         opposite sign, as Coulomb friction. A boom that always moves down while the bucket is empty determines only the
         sum of both, so that such an error would remain.
 
-        residual: of tares and drift
-        usable:   (R,) 1 where a row can be used
+        residual: measured torque less that of the tares and of the present drift
+        usable:   (R,) 1 where a row can be used, else 0
         """
         c = self.constants
         number = c.kernel.certain(c.plan, residual.rows, usable)

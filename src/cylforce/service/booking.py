@@ -362,6 +362,8 @@ class Bookings(Estimator):
     def _better(self, now: Weighed, drift: DriftKnowledge) -> Weighed:
         """Return the weight to be booked: the candidate so far, or `now`.
 
+        Any weight replaces a candidate after which an empty bucket was detected (`moving` is EMPTY_DETECTED).
+
         Of two weights of the same load it is that of more samples in motion; the tilt remains that of the first one. A
         smaller load that is being dumped does not replace the candidate. Any other load that differs by more than
         AGREES standard errors does: the bucket has gained or lost a part of its load, or it is another load.

@@ -150,7 +150,13 @@ def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> t
 
 
 def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
-    """Return the truck after a command about it, and the answer."""
+    """Return the truck after a command about it, and the answer.
+
+    The sub-indices TARGET, PRODUCT, NEXT, CANCEL, ACCEPT, PART and TRAILER are handled. ADD is not: see `added`.
+
+    The four bytes of a target are a signed integer of KG = 0.1 kg. Those of PRODUCT are the unsigned number of the
+    product. Those of CANCEL and ACCEPT are the unsigned number of the bucket's booking. Those of NEXT and PART must be
+    the word `next`."""
     number = int.from_bytes(command.data, "little", signed=command.sub in (TARGET, TRAILER))
     if command.sub == TARGET:
         return aimed(truck, KG * number)

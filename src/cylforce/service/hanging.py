@@ -12,8 +12,14 @@ from cylforce.signals.estimate import Array
 
 
 def hanging(model: Model, tares: Tares, values: Array) -> Array:
-    """Return the estimated load (T-1,) [kg] at each step of samples (T, S); 0 where the weighing has no consistent
-    estimate."""
+    """Return the estimated load (T-1,) [kg] in each of the T-1 intervals between samples.
+
+    It is 0 while the filters settle, and where the weighing has no consistent estimate. The drift of friction and
+    pressure zeros is not corrected.
+
+    tares:  of the machine
+    values: (T, S) samples of all signals [SI], without gaps
+    """
     constants = LoadConstants(model, tares)
     load = LoadEstimator.start(constants)
     moved = model.channels.run(values)

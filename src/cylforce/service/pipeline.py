@@ -181,11 +181,13 @@ class Pipeline(Estimator):
         self.steps, self.state = 0, array("d", numbers.tobytes())
 
     def update(self, channels: Numbers, periods: int = 1) -> Instant:
-        """Advance the filters, and return the rows.
+        """Advance the filters, and return the rows of the present step.
 
-        Missing steps are filled by linear interpolation.
+        `begin` must have been called. Missing steps are filled by linear interpolation. The slew angle, where it is the
+        last channel, is unwrapped; no other channel is.
 
-        channels: (D,) joint angles, cylinder forces and attitude
+        channels: (D,) joint angles [rad], cylinder forces [N], with an inertial sensor on the base its rate [rad/s] and
+                  specific forces [m/s^2], pitch, roll [rad], slew rate [rad/s] or slew angle [rad] (`Channels`)
         periods:  number of steps since the last update, 1 or more
         """
         if self.constants.unwraps:

@@ -91,7 +91,8 @@ class Recognizer(Estimator):
 
     @classmethod
     def start(cls, constants: RecognizerConstants) -> Self:
-        """Return the state before any sample."""
+        """Return the state before any sample: no block of motion compared, no sign of another machine than the
+        identified one."""
         return cls(
             constants,
             gram=ZERO * constants.size**2,

@@ -127,7 +127,9 @@ def degraded(quantity: Quantity, reason: Reason) -> Quantity:
 
 
 def within(quantity: Quantity, limits: tuple[float, float], largest_error: float) -> Quantity:
-    """Return the quantity, INVALID (OUT_OF_DECLARED_RANGE) if its value is out of range or its error is too large.
+    """Return the quantity, INVALID (OUT_OF_DECLARED_RANGE) if its value or its standard error is out of range.
+
+    A standard error of 0 is INVALID, too. A quantity that is INVALID already keeps its reason.
 
     limits:        smallest and largest value, in the unit of the quantity
     largest_error: standard error from which on the quantity is INVALID, in the same unit

@@ -183,13 +183,16 @@ def take_frame(
 ) -> None:
     """Update the state with one frame: the rate of its PDO, its signals, and the counters of wrong lengths.
 
+    The rate shows whether a second producer sends the same PDO (`paced`). A frame that is too short has no values in
+    `raw`: all its signals are refused as SHORT.
+
     t_us:   at which it was received [us]
     pdo:    number of its PDO
     sort:   -1 if it is shorter than its mapping, 0 as long, 1 longer
-    raw_at: place in `raw` of its first item
+    raw_at: place in `raw` of its first item; not used if it is too short
 
     Read:
-    raw:    values of the items of all frames, not scaled
+    raw:    values of the items of all frames that are not too short, not scaled
     moving: (S,) 1 where a repeated value means that the sensor is frozen, else 0
 
     Read and written:

@@ -234,10 +234,12 @@ def _pins(machine: Machine) -> list[float]:
 
 
 def _bars(machine: Machine) -> list[float]:
-    """Return (C, 6) the bars of each cylinder, in the order of `bodies.ROCKER_LENGTH` to `bodies.HALF_LENGTH`.
+    """Return the bars of each cylinder, a flat list of 6 C numbers in the order of `bodies.ROCKER_LENGTH` to
+    `bodies.HALF_LENGTH`.
 
-    Lengths of rocker and connecting link [m], side of the rocker, eye along and across the rocker, half of the shortest
-    length of the cylinder [m]. Without a four-bar the first five are 1 and are not used."""
+    The six are the lengths of rocker and connecting link [m], the side of the rocker (1 or -1), the place of the eye
+    along and across the rocker in units of the rocker's length, and half of the shortest length of the cylinder [m].
+    Without a four-bar the first five are 1 and are not used."""
     found = []
     for cylinder in machine.cylinders:
         bar, half = cylinder.linkage, cylinder.length_low / 2.0

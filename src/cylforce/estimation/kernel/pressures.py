@@ -142,10 +142,12 @@ def project(
 
 @inner
 def crossed(products: Numbers, bends: Count, a: Count, b: Count) -> Number:
-    """Return the sum of squares [Pa^2] of the residual of smooth curves through the readings of one pressure before a
-    step and of another one after it.
+    """Return the sum of squares [Pa^2] of the residual of smooth curves through the readings of pressure a before a
+    step and of pressure b after it.
 
-    The curves are orthonormal, so that it is the sum of squares less the squared product with each curve.
+    With two pressures it is the residual if their plugs were swapped at the step. With one pressure (a = b) it is that
+    of a pressure without swap and without step. The curves are orthonormal, so that it is the sum of squares less the
+    squared product with each curve.
 
     bends:    B, number of smooth curves
     a, b:     numbers of the pressures before and after the step
@@ -176,19 +178,20 @@ def unlikely(squares: Number, noise: Number, free: Number, known: Number) -> Num
 
 
 def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
-    """Add a group of readings to the tables of groups, for each pressure whose cylinder moves; the oldest is dropped.
+    """Add a group of readings to the tables of groups, for each pressure with |way| > moves; the oldest is dropped.
 
     p:        P, number of pressures
     begin:    first of the GROUP readings that are used
-    moves:    movement above which it counts [m]
+    moves:    speed of a cylinder above which its group is added [m/s]
 
     Read:
     readings: (T, P) [Pa]
-    way:      (P,) movement of the cylinder of each pressure [m]
+    way:      (P,) speed of the cylinder of each pressure [m/s], extending positive; for groups at rest 1 where a group
+              is to be added, else 0
 
     Read and written:
-    groups:   (4, G, P) of the last G groups, newest last: mean [Pa], variance [Pa^2], direction 1 or -1 of the
-              cylinder, variance of the white noise [Pa^2]
+    groups:   (4, G, P) of the last G groups, newest last: mean [Pa], variance [Pa^2], sign 1 or -1 of `way`, variance
+              of the white noise [Pa^2]
     """
     size = GROUPS * p  # of a table
     for i in range(p):
@@ -393,13 +396,13 @@ def less_than_known(
 ) -> Count:
     """Return 1 if the last 1, 2, ... groups of a pressure vary less than its noise of the time before them, else 0.
 
-    Its noise is the first decile of the known noise, at most that of the data sheet.
+    Its noise is the first decile of the known noise over `tenth`, at most that of the data sheet.
 
     p:      P, number of pressures
     number: G, number of groups, including the last one
     size:   number of readings of a group
     i:      number of the pressure
-    stated: variance by the sensor's data sheet [Pa^2]
+    stated: variance by the sensor's data sheet [Pa^2]; infinite where none is stated
     tenth:  first decile of the noise of groups, as a share of the white noise
     limits: number of limits in `quiet`
 

@@ -102,6 +102,10 @@ def push(
 ) -> None:
     """Compute the force at the tool at one instant from the residual torques, with its covariance.
 
+    It is the force of the outside world on the tool: x horizontally forwards, z upwards. It contains the weight of a
+    load in the bucket, which acts along -z; `load` is not subtracted. `load` only gives its share of the delayed torque
+    of inertia.
+
     The covariance contains errors of the tares, of the delayed torque of inertia, of dry friction while a cylinder
     reverses, the learned variance, and errors of signals. While cylinders reverse, their friction may have either sign:
     the amplitudes of all cylinders add up, the worst case.
@@ -123,8 +127,8 @@ def push(
     force:          (`layout.ForceLayout`) residual torque (R,) [N m]; variance of friction of unknown sign (R,)
                     [N^2 m^2]; force x, z [N]; its covariance (2, 2) [N^2]; force per torque of each row (2, R) [1/m];
                     columns of the load (R, 4); weight of the mass in the bucket that explains most of the force [N],
-                    and f' C^-1 f of the force f without it; xx, xz, zz by errors of signals [N^2], which must be zero
-                    before
+                    0 or positive, acting along -z, and f' C^-1 f of the force f without it (x, z + weight); xx, xz, zz
+                    by errors of signals [N^2], which must be zero before
     """
     # places in `rows`: columns of the instant (R, K), then torques (R,); then change (R, K)
     columns, change = s.r * s.k + s.r, 2 * (s.r * s.k + s.r)

@@ -27,7 +27,10 @@ class CarriedConstants(Constants):
     """
 
     def __init__(self, machine: Machine, kernel: Kernel | None = None) -> None:
-        """Compute the load of a full bucket, a rated payload in the middle of its reach.
+        """Compute the load of a full bucket and the prior covariance of a load.
+
+        The full bucket contains a rated payload in the middle of its reach. The prior covariance is diagonal
+        (`load_spread`).
 
         kernel: form of the kernel; None: the compiled one if there is one
         """

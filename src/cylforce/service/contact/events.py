@@ -73,7 +73,10 @@ class ContactDetector(Estimator):
 
     @classmethod
     def start(cls, constants: ContactConstants) -> Self:
-        """Return the state before any force."""
+        """Return the state before any force: not in contact, no events.
+
+        Times [s], forces [N] and paths [m] are zero. Only the time since the last stiff object is AGAIN_S, so that the
+        first one may be reported at once."""
         return cls(
             constants,
             in_contact=False,

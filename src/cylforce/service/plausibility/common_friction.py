@@ -46,10 +46,13 @@ class OneFriction:
     rated: float
 
     def evidence(self, signal: int, size: float, begin: int, harmless: Array, scatter: Array, most: float) -> float:
-        """Return twice the log likelihood ratio of an error and of none.
+        """Return twice the log likelihood ratio of an error and of none; positive: the error is more likely.
 
-        signal:   number of the signal with the error
-        size:     of the error [bar, rad]
+        "None" includes an error up to `harmless`.
+
+        signal:   number of the signal with the error, among the H signals of the blocks: forces of cylinders, then
+                  angles of joints (`BlockConstants`)
+        size:     of the error, positive if the signal reads too large [bar of a force over the head area, rad]
         begin:    first block with the error
         harmless: (B,) size up to which an error does not matter for a weight
         scatter:  (B,) Birge ratio of each block, 1 or more: variance over that of commissioning

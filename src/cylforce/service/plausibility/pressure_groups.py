@@ -109,12 +109,15 @@ class GroupStatistics(Estimator):
         return np.asarray(self.since > 0.0)
 
     def take(self, c: GroupConstants, readings: Numbers, way: Numbers, which: Mask) -> None:
-        """Update the statistics with the last group of the readings.
+        """Update the groups and the noise with the last GROUP of the readings.
+
+        The group of a pressure is added where |way| exceeds MOVES.
 
         c:        constants
         readings: (T, P) [Pa], flat
-        way:      (P,) speed of each pressure's cylinder [m/s]
-        which:    (P,) True for the pressures to update
+        way:      (P,) groups in motion: speed of each pressure's cylinder [m/s], extending positive; groups at rest: 1
+                  for the pressures to update, else 0
+        which:    (P,) True for the pressures whose noise is updated
         """
         size = len(c.signals)
         begin = len(readings) // size - GROUP
