@@ -51,7 +51,7 @@ def pressure(course, ways=(1.0, -1.0)):
     for row, v in zip(values, speed, strict=True):
         stepped(burst, groups, row, [v])
         stuck.on_step(SimpleNamespace(groups=groups))
-    return bool(stuck.constant[0]), bool(burst.burst[0])
+    return bool(stuck.marked[0]), bool(burst.marked[0])
 
 
 def noisy(course, seed=1):
@@ -91,7 +91,7 @@ def test_no_pressure_stays_below_vacuum(bar, below):
     for row in readings(STEPS, head=noisy(np.full(STEPS, bar * BAR)), rod=1e6):
         stepped(vacuum, groups, row, [0.0])
         burst.on_step(SimpleNamespace(groups=groups))
-    assert (bool(vacuum.below[0]), bool(burst.burst[0])) == (below, False)
+    assert (bool(vacuum.marked[0]), bool(burst.marked[0])) == (below, False)
 
 
 def test_a_pressure_that_dips_is_no_burst():

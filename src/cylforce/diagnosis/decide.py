@@ -194,7 +194,7 @@ class HypothesisEvidence:
         return other and healthy.rest**2 - 1.0 <= SAME_MACHINE + law
 
     def _is_law_error(self, c: Candidate) -> bool:
-        """Return whether the effects of a hypothesis explain but the error of the laws of another temperature."""
+        """Return whether effects explain only the error of the friction laws at another temperature."""
         return self.temperature_explains and c.hypothesis.noise.conditions.temperature is not None
 
     def usual(self, hypothesis: Hypothesis) -> float:

@@ -82,7 +82,7 @@ class Conditions:
 
 # Most machines are steadier than stated, and a weak effect shows on a steady machine only: both are as probable.
 USUAL_CONDITIONS = (Conditions(1.0), Conditions(0.5))
-# Sensors alone, oil that is a little and oil that is much colder or warmer than in the references.
+# Another temperature of the sensors alone; of the oil, too: a third of the largest change of friction, and all of it.
 TEMPERATURES = (Conditions(temperature=0.0), Conditions(temperature=0.3), Conditions(temperature=1.0))
 
 
@@ -137,7 +137,7 @@ class ResidualNoise:
         return np.asarray(own / np.maximum(self.white**2, noise_energy)[:, None])
 
     def log_prior(self, usual: "ResidualNoise") -> float:
-        """Return the log prior density of the noise of all joints, and of its conditions.
+        """Return the log prior: the density of the noise of all joints, times the probability of the conditions.
 
         usual: noise of a healthy machine
         """

@@ -327,7 +327,8 @@ class FieldQuestion:
             magnitude, change = sum(abs(float(values[k])) for k in area), np.zeros(len(unit))
             for k, own in area.items():
                 change[k] = relative * magnitude * own / sum(area.values()) / unit[k]
-            friction += np.outer(change, change) * float(law != "directional")
+            if law != "directional":  # a difference between the directions may grow either way
+                friction += np.outer(change, change)
             friction += np.diag(np.square(OWN_OIL_CHANGE * change))
         for p, columns in zip(self.machine.layout.proposals, self.machine.layout.places, strict=True):
             if p.name == OFFSET:
@@ -561,7 +562,7 @@ def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
 
 
 def _without_effects(case: Likelihood) -> list[Hypothesis]:
-    """Return hypotheses of a healthy machine: one for each usual condition, the likeliest of another temperature."""
+    """Return hypotheses of a healthy machine: one under each usual condition, and the likeliest other temperature."""
     each = [case.hypothesis((), replace(case.machine.noise, conditions=c)) for c in case.machine.conditions]
     usual = [h for h in each if h.noise.conditions.temperature is None]
     other = [h for h in each if h.noise.conditions.temperature is not None]

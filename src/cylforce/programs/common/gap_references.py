@@ -124,7 +124,7 @@ class _Seen:
         return cls(references_of(model, recordings, rows, counted), total, quiet, share, joints)
 
     def at_work(self, names: Sequence[str]) -> list[str]:
-        """Return the recordings that the others replace: work, of which the others show every joint without it.
+        """Return the working recordings that can be left out: the others show their joints without contact and loads.
 
         Blocks of work in which contact is too weak to be significant bias the healthy machine.
         """

@@ -19,7 +19,7 @@ from cylforce.service.plausibility.sample import MonitorSample
 from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, SensorFault, SensorSuspicion
 from cylforce.service.snapshot import Constants, Estimator
 
-__all__ = ["EVERY", "Detector", "Features", "Interruption", "MonitoredMachine", "suspicion_of"]
+__all__ = ["EVERY", "Detector", "Features", "Interruption", "MarkedPressures", "MonitoredMachine", "suspicion_of"]
 
 
 C = TypeVar("C", bound=Constants)
@@ -108,6 +108,29 @@ class Detector(Estimator):
 
     def interrupt(self, why: Interruption) -> None:
         """Discard data that an interruption of the measurement makes invalid."""
+
+
+@dataclass(slots=True)
+class MarkedPressures(Detector):
+    """Base of the detectors that mark single pressures.
+
+    constants: of the pressures
+    marked:    (P,) True where a pressure is suspected
+    """
+
+    constants: GroupConstants
+    marked: NDArray[np.bool_]
+    report: SensorSuspicion = NOTHING_SUSPECTED
+
+    @classmethod
+    def start(cls, machine: MonitoredMachine) -> Self:
+        """Return the state before any reading."""
+        return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
+
+    def mark(self, marked: NDArray[np.bool_], cause: SensorFault) -> None:
+        """Mark pressures (P,), and report them if they are not those of before."""
+        if (marked != self.marked).any():
+            self.marked, self.report = marked, suspicion_of(marked, self.constants.signals, cause)
 
 
 def suspicion_of(

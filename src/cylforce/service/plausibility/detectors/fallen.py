@@ -1,13 +1,10 @@
 """Detectors of a pressure that falls to zero within 50 ms (a burst hose), and of one below vacuum (a wrong reading)."""
 
 from dataclasses import dataclass
-from typing import Self
 
-import numpy as np
-
-from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, suspicion_of
-from cylforce.service.plausibility.pressure_groups import KEPT, GroupConstants, Mask
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorFault, SensorSuspicion
+from cylforce.service.plausibility.detector import Features, MarkedPressures
+from cylforce.service.plausibility.pressure_groups import KEPT
+from cylforce.service.plausibility.suspicion import SensorFault
 from cylforce.signals.estimate import Array
 
 FALL_STEPS = KEPT // 2  # 50 ms at 100 Hz, of the fall and of the time after it; healthy pressures dip for one step
@@ -26,47 +23,19 @@ def fallen(features: Features) -> Array | None:
 
 
 @dataclass(slots=True)
-class BelowVacuum(Detector):
-    """Pressures below vacuum.
-
-    constants: of the pressures
-    below:     (P,) True where a pressure was below vacuum
-    """
-
-    constants: GroupConstants
-    below: Mask
-    report: SensorSuspicion = NOTHING_SUSPECTED
-
-    @classmethod
-    def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state before any reading."""
-        return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
+class BelowVacuum(MarkedPressures):
+    """Pressures that were below vacuum."""
 
     def on_step(self, features: Features) -> None:
         """Mark the pressures that stay below vacuum."""
         recent = fallen(features)
         if recent is not None:
-            below = self.below | (recent[-FALL_STEPS:].max(axis=0) < VACUUM)
-            if (below != self.below).any():
-                self.below, self.report = below, suspicion_of(below, self.constants.signals, SensorFault.BELOW_VACUUM)
+            self.mark(self.marked | (recent[-FALL_STEPS:].max(axis=0) < VACUUM), SensorFault.BELOW_VACUUM)
 
 
 @dataclass(slots=True)
-class BurstHose(Detector):
-    """Pressures that fell to zero within 50 ms.
-
-    constants: of the pressures
-    burst:     (P,) True where a pressure did
-    """
-
-    constants: GroupConstants
-    burst: Mask
-    report: SensorSuspicion = NOTHING_SUSPECTED
-
-    @classmethod
-    def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state before any reading."""
-        return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
+class BurstHose(MarkedPressures):
+    """Pressures that fell to zero within 50 ms."""
 
     def on_step(self, features: Features) -> None:
         """Mark the pressures that fell and stay below NOTHING, but not below vacuum."""
@@ -75,6 +44,4 @@ class BurstHose(Detector):
             return
         most = recent[-FALL_STEPS:].max(axis=0)
         falls = (most < NOTHING) & (most >= VACUUM) & (recent[-1 - 2 * FALL_STEPS] > FALLS)
-        burst = self.burst | falls
-        if (burst != self.burst).any():
-            self.burst, self.report = burst, suspicion_of(burst, self.constants.signals, SensorFault.BURST)
+        self.mark(self.marked | falls, SensorFault.BURST)

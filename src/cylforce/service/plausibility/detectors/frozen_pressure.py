@@ -6,14 +6,13 @@ noise of a frozen sensor is white. Where the variance within a mean exceeds that
 oscillates, and the sensor is not frozen."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from cylforce.estimation.kernel.pressures import GROUPS
-from cylforce.service.plausibility.detector import Detector, Features, MonitoredMachine, suspicion_of
-from cylforce.service.plausibility.pressure_groups import CHANGES, COLOURED, GroupConstants, Mask
-from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, SensorFault, SensorSuspicion
+from cylforce.service.plausibility.detector import Features, MarkedPressures
+from cylforce.service.plausibility.pressure_groups import CHANGES, COLOURED
+from cylforce.service.plausibility.suspicion import SensorFault
 
 # Variance between the groups' means over that expected from the noise within them: below this, the pressure does not
 # change. A constant with white noise exceeds it once in fifty times; healthy machines are at 4 and more.
@@ -21,30 +20,15 @@ CONSTANT = 28.2595 / (GROUPS - 1)  # chi-squared with 15 degrees of freedom, exc
 
 
 @dataclass(slots=True)
-class FrozenPressure(Detector):
-    """Pressures that do not change in 4 s of motion.
-
-    constants: of the pressures
-    constant:  (P,) True where a pressure does not change
-    """
-
-    constants: GroupConstants
-    constant: Mask
-    report: SensorSuspicion = NOTHING_SUSPECTED
-
-    @classmethod
-    def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state before any reading."""
-        return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
+class FrozenPressure(MarkedPressures):
+    """Pressures that do not change in 4 s of motion."""
 
     def on_step(self, features: Features) -> None:
-        """Update the report when a group has ended."""
+        """Update the marks when a group has ended."""
         ratios = features.groups.ratios
         if not ratios:
             return
         varied, coloured = np.frombuffer(ratios).reshape(2, -1)
-        limit = np.where(self.constant, CHANGES, CONSTANT)
-        constant = np.where(varied >= 0.0, (varied <= limit) & ~(coloured > COLOURED), self.constant)
-        if (constant != self.constant).any():
-            self.constant = constant
-            self.report = suspicion_of(constant, self.constants.signals, SensorFault.FROZEN)
+        limit = np.where(self.marked, CHANGES, CONSTANT)
+        constant = np.where(varied >= 0.0, (varied <= limit) & ~(coloured > COLOURED), self.marked)
+        self.mark(constant, SensorFault.FROZEN)
