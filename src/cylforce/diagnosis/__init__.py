@@ -5,6 +5,7 @@ explain."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,13 @@ import numpy as np
 from cylforce.diagnosis.constants import LAW_ERROR, SAME_MACHINE
 from cylforce.diagnosis.decide import (
     SURE,
+    FreeEvidence,
     HypothesisEvidence,
     Verdict,
     as_simulated,
     costs,
     first_effect,
     one_answer,
-    parameters_are_likelier,
 )
 from cylforce.diagnosis.explain import (
     Cause,
@@ -37,7 +38,7 @@ from cylforce.diagnosis.explain import (
     where,
     worst_place,
 )
-from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, with_noise
+from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, noisy_twin, with_noise
 from cylforce.diagnosis.model import identified as model_identified
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
@@ -49,6 +50,7 @@ from cylforce.diagnosis.search import (
     Found,
     Key,
     examined,
+    without_gap,
 )
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
@@ -56,6 +58,7 @@ from cylforce.estimation.model import Model
 from cylforce.readings.constants import BLOCK_ROWS, CLEAR_GAP, HALF
 from cylforce.readings.zeros import Zero
 from cylforce.signals.estimate import Array
+from cylforce.signals.tasks import Runner, both, one_by_one
 
 
 @dataclass(frozen=True)
@@ -118,16 +121,19 @@ def question_of(
     rng: np.random.Generator,
     jumps: Mapping[int, float] | None = None,
     zeros: Mapping[int, Zero] | None = None,
+    run: Runner = one_by_one,
 ) -> FieldQuestion:
     """Return the question of recordings compared with a healthy machine.
 
     jumps: evidence [nats] of the number of jumps of a reading, by its signal
     zeros: readings of pressure sensors without pressure, by their signals
+    run:   runs the computation of columns
     """
-    own, layout, seen = machine.regressors, machine.layout, []
-    for recording in recordings:
-        rows = own.rows(recording, layout.proposals)
-        seen.append(with_noise(own, layout, recording, rows, machine.floor, machine.sensor_noise, rng))
+    own, layout = machine.regressors, machine.layout
+    twins = [noisy_twin(each, own, machine.sensor_noise, rng) for each in recordings]
+    rows = own.rows_of([*recordings, *twins], layout.proposals, run)
+    rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
+    seen = [with_noise(layout, machine.floor, *each) for each in zip(recordings, rows, twins, noisy, strict=True)]
     return FieldQuestion(machine, tuple(seen), jumps=jumps or {}, zeros=zeros or {})
 
 
@@ -141,6 +147,7 @@ def diagnose(
     zeros: Mapping[int, Zero] | None = None,
     *,
     identified: bool = True,
+    run: Runner = one_by_one,
 ) -> Diagnosis:
     """Diagnose recordings of a machine by comparison with its healthy state.
 
@@ -148,26 +155,42 @@ def diagnose(
     jumps:      evidence [nats] of the number of jumps of a reading, by its signal
     zeros:      readings of pressure sensors without pressure, by their signals
     identified: whether the parameters are certainly this machine's; else a refit competes with all effects
+    run:        runs independent tasks
     """
     watch("columns of every effect")
-    question = question_of(machine, recordings, rng, jumps, zeros)
-    found = examined(question, wanted, watch)
+    question = question_of(machine, recordings, rng, jumps, zeros, run)
+    refit = refitted(question)
+    gap = not np.all(without_gap(refit.before, machine.floor.rms))
+    free = question.with_free_parameters(refit.values) if gap and not identified and refit.share > HALF else None
+    found, other = _searched(question, free, wanted, watch, run)
     watch("locating the gap, simulating the effects")
     diagnosis = concluded(found, rng)
-    watch("the model's own parameters")
-    if identified or found.work is not None or diagnosis.verdict is Verdict.NO_GAP or diagnosis.refit.share <= HALF:
+    if free is None or found.work is not None or diagnosis.verdict is Verdict.NO_GAP:
         return diagnosis
-    refitted_diagnosis = concluded(examined(with_free_parameters(question, diagnosis.refit), wanted), rng)
-    if not parameters_are_likelier(diagnosis.evidence, refitted_diagnosis.evidence):
+    if other is None or not other.exceeds(diagnosis.evidence):
+        return diagnosis
+    watch("the model's own parameters")
+    refitted_diagnosis = concluded(examined(free, wanted), rng)
+    if not FreeEvidence.of(refitted_diagnosis.evidence).exceeds(diagnosis.evidence):
         return diagnosis
     return _after_refit(question, diagnosis, refitted_diagnosis)
 
 
-def with_free_parameters(question: FieldQuestion, refit: Refit) -> FieldQuestion:
-    """Return the question with refitted parameters, as uncertain as those of the data sheet."""
-    values = question.machine.values.copy()
-    values[: len(refit.values)] += refit.values
-    return replace(question, machine=replace(question.machine, values=values), free=True)
+def _searched(
+    question: FieldQuestion,
+    free: FieldQuestion | None,
+    wanted: Callable[[Proposal], bool],
+    watch: Callable[[str], None],
+    run: Runner,
+) -> tuple[Found, FreeEvidence | None]:
+    """Return the hypotheses with the parameters of the references, and the evidence of those with free parameters.
+
+    free: the question with free parameters; None if they are no explanation
+    """
+    known = partial(examined, question, wanted, watch)
+    if free is None:
+        return known(), None
+    return both(run, known, lambda: FreeEvidence.of(HypothesisEvidence(examined(free, wanted))))
 
 
 def _after_refit(question: FieldQuestion, before: Diagnosis, after: Diagnosis) -> Diagnosis:

@@ -19,6 +19,7 @@ from cylforce.diagnosis.constants import (
 from cylforce.diagnosis.likelihood import Hypothesis, effective_share
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
+from cylforce.signals.estimate import Array
 
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
@@ -310,22 +311,40 @@ def as_simulated(verdict: Verdict, closure: float) -> Verdict:
     return Verdict.PARTLY if verdict is Verdict.EXPLAINED and closure < HALF else verdict
 
 
-def parameters_are_likelier(known: HypothesisEvidence, free: HypothesisEvidence) -> bool:
-    """Return whether parameters other than the references' are the likeliest explanation.
+@dataclass(frozen=True)
+class FreeEvidence:
+    """Evidence of hypotheses with parameters as uncertain as those of the data sheet.
 
-    They compete with all hypotheses as one more name. Their prior is the data sheet's: many free parameters cost
-    evidence, so that a single effect with the same residual is likelier.
-    known: hypotheses with the parameters from the references
-    free:  hypotheses with parameters as uncertain as the data sheet
+    logs:     (H,) log probability of the recordings under each
+    priors:   (H,) log prior of its effects beside other parameters
+    strength: factor that tempers the evidence
     """
-    strength = min(known.strength, free.strength)
-    name = float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / known.names))  # of other parameters
-    more = float(np.log(SECOND_EFFECT))  # of an effect beside them
-    as_known = [strength * c.log + known.prior_of(c) for c in known.candidates]
-    as_known += [strength * i.log + known.prior_of_incident(i) for i in known.incidents]
-    fitted = [strength * c.log + (free.prior_of(c) + more if c.hypothesis.forms else 0.0) for c in free.candidates]
-    fitted += [strength * i.log + free.prior_of_incident(i) + more for i in free.incidents]
-    return name + max(fitted) > max(as_known)
+
+    logs: Array
+    priors: Array
+    strength: float
+
+    @classmethod
+    def of(cls, free: HypothesisEvidence) -> "FreeEvidence":
+        """Return the evidence of hypotheses with free parameters."""
+        more = float(np.log(SECOND_EFFECT))  # of an effect beside other parameters
+        priors = [free.prior_of(c) + more if c.hypothesis.forms else 0.0 for c in free.candidates]
+        priors += [free.prior_of_incident(i) + more for i in free.incidents]
+        logs = [c.log for c in free.candidates] + [i.log for i in free.incidents]
+        return cls(np.array(logs), np.array(priors), free.strength)
+
+    def exceeds(self, known: HypothesisEvidence) -> bool:
+        """Return whether parameters other than the references' are the likeliest explanation.
+
+        They compete with all hypotheses as one more name. Their prior is the data sheet's: many free parameters cost
+        evidence, so that a single effect with the same residual is likelier.
+        known: hypotheses with the parameters from the references
+        """
+        strength = min(known.strength, self.strength)
+        name = float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / known.names))  # of other parameters
+        as_known = [strength * c.log + known.prior_of(c) for c in known.candidates]
+        as_known += [strength * i.log + known.prior_of_incident(i) for i in known.incidents]
+        return name + float(np.max(strength * self.logs + self.priors)) > max(as_known)
 
 
 def first_effect(evidence: HypothesisEvidence) -> Key | None:

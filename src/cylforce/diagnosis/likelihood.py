@@ -128,7 +128,7 @@ class ResidualNoise:
         Its energy is limited to that of the whole noise.
         """
         weight = self.noise_weight(gram.noise_energy)
-        each = np.einsum("rq,srqk->sk", weight, gram.shared[..., :-1], optimize=True)
+        each = (weight.ravel() @ gram.shared.reshape(-1, weight.size, gram.shared.shape[-1]))[:, :-1]
         return each.sum(axis=0), each - np.sum(each, axis=0) / max(len(each), 1)
 
     def noise_weight(self, noise_energy: Array) -> Array:

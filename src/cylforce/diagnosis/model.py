@@ -42,6 +42,7 @@ from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import Model
 from cylforce.readings.constants import BLOCK_ROWS, LOAD_CENTRE
 from cylforce.signals.estimate import Array
+from cylforce.signals.tasks import Runner, one_by_one
 
 GROWTH_S = 100.0  # s in which a clock that drifts becomes late by the second of its sizes
 CENTRE = len(LOAD_CENTRE)
@@ -341,13 +342,17 @@ def learnt(
     rng: np.random.Generator,
     source: KnowledgeSource = KnowledgeSource.REFERENCES,
     shares: Sequence[float] = PRIOR_SHARES,
+    run: Runner = one_by_one,
 ) -> HealthyMachine:
     """Learn a healthy machine from its recordings.
 
     sensor_noise: (S,) white noise of every sensor, which columns and residual share
     shares:       factors on the healthy spread of effects that are tried
+    run:          runs the computation of columns
     """
-    rows = [regressors.rows(each, proposals) for each in recordings]
+    twins = [noisy_twin(each, regressors, sensor_noise, rng) for each in recordings]
+    rows = regressors.rows_of([*recordings, *twins], proposals, run)
+    rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
     base_rate = float(np.sqrt(np.mean(np.concatenate([r.base_rate for r in rows]) ** 2)))
     layout = ColumnLayout(regressors.model, proposals, base_rate > STEADY_BASE)
     counted = quiet_blocks(layout, rows, recordings)
@@ -364,10 +369,7 @@ def learnt(
     if source is KnowledgeSource.SIMULATION:  # a simulation without noise would make every residual a gap
         floor = _with_sensor_noise(regressors, recordings, rows, floor, sensor_noise, rng)
     own = [*range(layout.size)]
-    seen = [
-        with_noise(regressors, layout, recording, r, floor, sensor_noise, rng)
-        for recording, r in zip(recordings, rows, strict=True)
-    ]
+    seen = [with_noise(layout, floor, *each) for each in zip(recordings, rows, twins, noisy, strict=True)]
     grams = _by_recording(layout, seen, own)
     machine = _learnt_machine(layout, grams, regressors.model.filters.rate_hz, shares)
     fitted, predicted = (np.concatenate([_mean_squares(e) for e in each]) for each in (least.seen, least.unseen))
@@ -435,27 +437,26 @@ def _padded(noise: SharedNoise, own: int, more: int, joints: int) -> SharedNoise
     return SharedNoise(found, noise.counts)
 
 
+def noisy_twin(
+    recording: Recording, regressors: Regressors, sensor_noise: Array, rng: np.random.Generator
+) -> Recording:
+    """Return the first NOISE_S of a recording with the sensors' noise (S,) added once more."""
+    values = recording.values[: round(NOISE_S * regressors.model.filters.rate_hz)]
+    return replace(recording, values=values + sensor_noise * rng.standard_normal(values.shape))
+
+
 def with_noise(
-    regressors: Regressors,
-    layout: ColumnLayout,
-    recording: Recording,
-    rows: TorqueRows,
-    floor: NoiseFloor,
-    sensor_noise: Array,
-    rng: np.random.Generator,
+    layout: ColumnLayout, floor: NoiseFloor, recording: Recording, rows: TorqueRows, twin: Recording, noisy: TorqueRows
 ) -> Seen:
     """Return a recording with its blocks and the sensor noise that its columns share with the residual.
 
-    Sensor noise is added to the first NOISE_S of the readings; the change of the rows is noise in both.
+    The change of the rows by added sensor noise is the noise in both.
+    twin:  first samples with that noise
+    noisy: its rows
     """
     columns = layout.columns(rows, recording)
-    blocks = Blocks.whitened(columns, floor)
-    steps = round(NOISE_S * regressors.model.filters.rate_hz)
-    values = recording.values[:steps]
-    twin = replace(recording, values=values + sensor_noise * rng.standard_normal(values.shape))
-    noisy = layout.columns(regressors.rows(twin, layout.proposals), twin)
-    added = Blocks.whitened(noisy - columns[: len(noisy)], floor)
-    return Seen(recording, rows, blocks, added, twin.values)
+    change = layout.columns(noisy, twin) - columns[: len(noisy.t)]
+    return Seen(recording, rows, Blocks.whitened(columns, floor), Blocks.whitened(change, floor), twin.values)
 
 
 def _with_sensor_noise(
@@ -479,11 +480,9 @@ def noise_of_sensors(
     rng: np.random.Generator,
 ) -> NoiseFloor:
     """Return the noise of the residual that comes from the sensors' noise alone."""
-    steps, changes = round(NOISE_S * regressors.model.filters.rate_hz), []
+    changes = []
     for recording, own in zip(recordings, rows, strict=True):
-        values = recording.values[:steps]
-        twin = replace(recording, values=values + sensor_noise * rng.standard_normal(values.shape))
-        noisy = regressors.rows(twin, ()).residual
+        noisy = regressors.rows(noisy_twin(recording, regressors, sensor_noise, rng), ()).residual
         changes.append(noisy - own.residual[: len(noisy)])
     return NoiseFloor.of(changes)
 

@@ -272,6 +272,13 @@ class FieldQuestion:
 
         kept: blocks (B,) that count; None: all
         """
+        return self._whole_gram if kept is None else self._gram_of(kept)
+
+    @cached_property
+    def _whole_gram(self) -> Gram:
+        return self._gram_of(None)
+
+    def _gram_of(self, kept: Mask | None) -> Gram:
         parts, first = [], 0
         for seen, blocks in zip(self.seen, self.blocks, strict=True):
             mask = None if kept is None else kept[first : first + len(blocks.rows)]
@@ -334,6 +341,32 @@ class FieldQuestion:
             if p.name == OFFSET:
                 zeros[list(columns)] = THERMAL_ZERO / unit[list(columns)]
         return TemperatureChange(np.diag(np.square(zeros)), friction)
+
+    def with_refined(self, refined: Refined) -> "FieldQuestion":
+        """Return the question with an effect whose shape is refined, its columns appended."""
+        return self._keeping(replace(self, refined=refined), "knowledge")
+
+    def with_same_temperature(self) -> "FieldQuestion":
+        """Return the question of a machine that is certainly as warm as in the references."""
+        return self._keeping(replace(self, same_temperature=True))
+
+    def with_free_parameters(self, values: Array) -> "FieldQuestion":
+        """Return the question with parameters as uncertain as those of the data sheet.
+
+        values: (P,) change of the reported parameters [SI]
+        """
+        whole = self.machine.values.copy()
+        whole[: len(values)] += values
+        return self._keeping(replace(self, machine=replace(self.machine, values=whole), free=True))
+
+    def _keeping(self, other: "FieldQuestion", *more: str) -> "FieldQuestion":
+        """Return another question of the same rows with what was computed from the rows for this one.
+
+        more: further computed properties that are the same
+        """
+        kept = ("blocks", "spans", "_whole_gram", "_return_levels", *more)
+        other.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        return other
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
         """Return the likelihood of the recordings, or of some of their blocks (B,)."""
@@ -1005,7 +1038,7 @@ def examined(
     case = question.likelihood()
     gaps = case.rests(question.plain)
     if np.count_nonzero(~without_gap(gaps)) < 2:  # the temperature changes every cylinder and its sensors
-        question = replace(question, same_temperature=True)
+        question = question.with_same_temperature()
         case = question.likelihood()
     step = changed_load(question, case)
     if step:
@@ -1195,7 +1228,7 @@ def refined(candidate: Candidate) -> Candidate:
                 if 0.0 <= u <= 1.0 and not near(u):
                     own = shaped(group, {shape.field: shape.value(u)})
                     other = proposal._replace(group=own)
-                    asked = replace(question, refined=_refined_by(question, other, sources, twins))
+                    asked = question.with_refined(_refined_by(question, other, sources, twins))
                     h = asked.likelihood().hypothesis(
                         (len(asked.forms) - 1,), candidate.hypothesis.noise, candidate.hypothesis.doubt
                     )

@@ -315,9 +315,11 @@ class Gram:
         for found, before in ((whole, self.whole), (smooth, self.smooth)):
             found[..., np.array(old)[:, None], np.array(old)] = before
         for each, (added, _) in zip(blocks, own, strict=True):
-            others, mine = each.rows[..., [*columns, -1]], added.rows * each.usable[..., None]
-            product = np.einsum("btri,btrk->rik", mine, others, optimize=True) * more[:, None] * scale
-            within = np.einsum("btri,btrj->rij", mine, mine, optimize=True) * np.outer(more, more)
+            mine = added.rows * each.usable[..., None]
+            flat, others = (x.reshape(-1, *x.shape[2:]) for x in (mine, each.rows))
+            product = np.stack([flat[:, r].T @ others[:, r] for r in range(joints)])[..., [*columns, -1]]
+            product = product * more[:, None] * scale
+            within = np.stack([flat[:, r].T @ flat[:, r] for r in range(joints)]) * np.outer(more, more)
             along = np.einsum("btrs,btri->brsi", each.basis, mine, optimize=True) * more
             theirs = each.smooth[..., [*columns, -1]] * scale
             product_smooth = np.einsum("brsi,brsk->rsik", along, theirs, optimize=True)

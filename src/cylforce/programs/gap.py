@@ -38,6 +38,7 @@ from cylforce.readings.noise import noise_warning, sensor_noise, usual_noise
 from cylforce.readings.vibration import vibration_warning, vibrations
 from cylforce.readings.zeros import Zeros, read_zeros
 from cylforce.settings.machine_file import Loaded
+from cylforce.signals.tasks import Runner, one_by_one
 
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 CLOCKS = ClockEffect().about.name
@@ -70,10 +71,12 @@ def diagnose(
     library: tuple[Group, ...] = LIBRARY,
     watch: Watch = silent,
     cache: StatisticsCache | None = None,
+    run: Runner = one_by_one,
 ) -> Diagnosed:
     """Return the diagnosis of recordings. Raises RecordingError or ValueError, in a sentence.
 
     cache: statistics of references, kept for the next diagnosis
+    run:   runs independent tasks
     """
     check_recordings(question)
     left_out = list[str]()
@@ -82,8 +85,7 @@ def diagnose(
     loaded, slow = at_own_rate(loaded, (*question.healthy, *question.field))
     read = partial(chosen, loaded, loads=question.loads, watch=watch, tell=left_out.append)
     healthy, field = read(question.healthy), read(question.field)
-    run = _GapRun(loaded, question, chosen_library, only, watch, cache)
-    found = run.concluded(field, healthy)
+    found = _GapRun(loaded, question, chosen_library, only, watch, cache, run).concluded(field, healthy)
     shares = [each._asdict() for each in (*field.looked_at, *healthy.looked_at)]
     whole = found.answer | ({"looked_at": shares} if "gap" in found.answer else {})
     warnings = [*left_out, *whole.get("warnings", ()), *([slow] if slow and "gap" in whole else [])]
@@ -101,6 +103,7 @@ class _GapRun:
     only:     name and location of the one effect that is examined; None: all
     watch:    receives the progress
     cache:    statistics of references, kept for the next diagnosis
+    run:      runs independent tasks
     """
 
     loaded: Loaded
@@ -109,6 +112,7 @@ class _GapRun:
     only: tuple[str, str] | None
     watch: Watch
     cache: StatisticsCache | None
+    run: Runner
 
     @property
     def _model(self) -> Model:
@@ -120,7 +124,7 @@ class _GapRun:
         if reason := _unreadable(model, field, healthy.stretches):
             return _nothing(reason)
         self.watch("clocks", None)
-        late, odd = (self._clock_faults(group) for group in (field.stretches, healthy.stretches))
+        late, odd = self._clock_faults(field.stretches), self._clock_faults(healthy.stretches)
         references = [each for each in healthy.stretches if each.name not in {fault.name for fault in odd}]
         if late and not references:
             return Diagnosed(off_clock([*late, *odd]))
@@ -141,7 +145,7 @@ class _GapRun:
         late:     clock faults of the field recordings
         """
         loaded = self.loaded
-        known = known_machine(loaded, self.question, groups, self.library, self.watch, self.cache)
+        known = known_machine(loaded, self.question, groups, self.library, self.watch, self.cache, self.run)
         if known is None:
             return self._sheet(groups.field, warnings, late)
         rng, rate_hz = np.random.default_rng(SEED), loaded.service.filters.rate_hz
@@ -157,6 +161,7 @@ class _GapRun:
             {each.proposal.where: each.nats for each in jumps},
             zeros.by_signal,
             identified=known.identified or self.only is not None,
+            run=self.run,
         )
         if late and not _named_first(found, CLOCKS):
             return Diagnosed(off_clock(late))
@@ -210,7 +215,7 @@ class _GapRun:
         """Return clock faults, where the library has that effect."""
         if CLOCKS not in self._names:
             return ()
-        return clock_faults(Model(self.loaded.service.machine, self.loaded.service.filters, ()), recordings)
+        return clock_faults(Model(self.loaded.service.machine, self.loaded.service.filters, ()), recordings, self.run)
 
 
 def _nothing(reason: str) -> Diagnosed:
