@@ -269,7 +269,9 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
             return _answer(evidence, verdict, (), plain, refuted, same)
         named, simulated, objection = _tried(evidence, key, rng)
         if not objection:
-            return _answer(evidence, as_simulated(verdict, simulated.closure), named, simulated, refuted, same)
+            if found.work is None:  # at work nothing is simulated
+                verdict = as_simulated(verdict, simulated.closure)
+            return _answer(evidence, verdict, named, simulated, refuted, same)
         refuted.append(objection)
         refused = True
         evidence = replace(evidence, withdrawn=evidence.withdrawn | {key})

@@ -1032,10 +1032,19 @@ class Likelihood:
         forms = tuple(sorted((*base.forms, form)))
         return self.hypothesis(forms, base.noise, self.doubt(forms, base))
 
-    def likeliest(self, forms: Sequence[int], noise: ResidualNoise, doubt: float | None = None) -> Hypothesis:
-        """Return a hypothesis with its most probable conditions."""
-        each = [self.hypothesis(forms, replace(noise, conditions=c), doubt) for c in self.machine.conditions]
-        return max(each, key=lambda h: h.log)
+    def likeliest(
+        self,
+        forms: Sequence[int],
+        noise: ResidualNoise,
+        doubt: float | None = None,
+        conditions: Sequence[Conditions] | None = None,
+    ) -> Hypothesis:
+        """Return a hypothesis with its most probable conditions.
+
+        conditions: that are tried; None: all of the machine
+        """
+        tried = self.machine.conditions if conditions is None else conditions
+        return max((self.hypothesis(forms, replace(noise, conditions=c), doubt) for c in tried), key=lambda h: h.log)
 
     def rests(self, residual: Array, noise: ResidualNoise | None = None) -> Array:
         """Return the residual (R,) in noise floors, rms; with `noise`, the residual besides the nuisances."""

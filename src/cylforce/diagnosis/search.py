@@ -28,6 +28,9 @@ from cylforce.diagnosis.constants import (
 )
 from cylforce.diagnosis.likelihood import (
     FREE_PRECISION,
+    TEMPERATURES,
+    USUAL_CONDITIONS,
+    Conditions,
     Form,
     FreeStretch,
     Hypothesis,
@@ -569,8 +572,25 @@ def _energy_of(parts: Sequence[SharedNoise]) -> Array:
 
 
 def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
-    """Return hypotheses with more and more effects, while one more is worth its prior probability."""
-    beam = _without_effects(case)
+    """Return hypotheses with more and more effects.
+
+    Where another temperature explains more than the usual conditions, effects are searched apart under both: an effect
+    instead of it would never be found beside it.
+    """
+    usual, other = _without_effects(case)
+    if other and other[0].log > max(h.log for h in usual):
+        return [*_grown(case, usual, wanted, USUAL_CONDITIONS), *_grown(case, other, wanted, TEMPERATURES)]
+    return _grown(case, [*usual, *other], wanted, case.machine.conditions)
+
+
+def _grown(
+    case: Likelihood, beam: list[Hypothesis], wanted: Sequence[int], conditions: Sequence[Conditions]
+) -> list[Hypothesis]:
+    """Return hypotheses with more and more effects, while one more is worth its prior probability.
+
+    beam:       hypotheses without effects
+    conditions: that are tried
+    """
     found: dict[tuple[int, ...], Hypothesis] = {(): max(beam, key=lambda h: h.log)}
     worth = -float(np.log(SECOND_EFFECT * (1.0 - HEALTHY - UNKNOWN_EFFECT) / max(len(wanted), 1)))
     for _ in range(DEEPEST):
@@ -584,7 +604,8 @@ def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
                 if forms not in grown or h.log > grown[forms].log:
                     grown[forms] = h
         first = sorted(grown.values(), key=lambda h: -h.log)[:WIDTH]
-        best = sorted((case.likeliest(h.forms, h.noise, h.doubt) for h in first), key=lambda h: -h.log)
+        again = (case.likeliest(h.forms, h.noise, h.doubt, conditions) for h in first)
+        best = sorted(again, key=lambda h: -h.log)
         found |= grown | {h.forms: h for h in best}
         base_log = max(b.log for b in beam)
         gained = max((effective_share(h.rest) * (h.log - base_log) for h in best), default=-np.inf)
@@ -594,12 +615,15 @@ def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
     return list(found.values())
 
 
-def _without_effects(case: Likelihood) -> list[Hypothesis]:
-    """Return hypotheses of a healthy machine: one under each usual condition, and the likeliest other temperature."""
+def _without_effects(case: Likelihood) -> tuple[list[Hypothesis], list[Hypothesis]]:
+    """Return hypotheses of a healthy machine: one under each usual condition, and the likeliest other temperature.
+
+    The second list is empty if another temperature is no explanation.
+    """
     each = [case.hypothesis((), replace(case.machine.noise, conditions=c)) for c in case.machine.conditions]
     usual = [h for h in each if h.noise.conditions.temperature is None]
     other = [h for h in each if h.noise.conditions.temperature is not None]
-    return [*usual, *sorted(other, key=lambda h: -h.log)[:1]]
+    return usual, sorted(other, key=lambda h: -h.log)[:1]
 
 
 def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[int]:

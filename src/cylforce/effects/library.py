@@ -73,7 +73,7 @@ LIBRARY: tuple[Group, ...] = (
     (CoulombFriction(),),
     (ViscousFriction(),),
     (FrictionLevelChange(),),
-    *((Stribeck(width),) for width in (0.008, 0.025)),
+    *((Stribeck(width),) for width in (0.007, 0.016, 0.034)),
     *((LoadDependentFriction(easing=easing),) for easing in (0.0, 5e-6)),
     *((AsymmetricFriction(way=way),) for way in (0, 1, -1)),
     (PinFriction(),),
