@@ -142,7 +142,8 @@ class HypothesisEvidence:
             return float(np.log(HEALTHY))
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
-        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
+        odds = i.odds if isinstance(i, Spill) else 0.0  # of separate loads, not of rows with a common model error
+        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names)) + odds
 
     # Posterior
 

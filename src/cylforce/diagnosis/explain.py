@@ -142,7 +142,7 @@ def cause_of_incident(evidence: HypothesisEvidence, incident: BlockIncident | Sp
     """Return the cause of an incident, with sizes of its own in each block or at each time."""
     if isinstance(incident, Spill):
         probability = evidence.posterior.get(incident.key, 0.0)
-        nats, when = incident.log - evidence.found.healthy.log, f"{len(incident.sizes)} times"
+        nats, when = incident.log + incident.odds - evidence.found.healthy.log, f"{len(incident.sizes)} times"
         sizes, errors = incident.sizes, incident.errors
         own = evidence.found.question
         return Cause(

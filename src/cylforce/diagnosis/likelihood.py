@@ -494,7 +494,8 @@ class Payload(Nuisance):
         )
         gain = np.append(-np.inf, apart[:-1] + apart[1:] - one)
         differs = self.carried_on & (gain > np.log((1.0 - INCIDENT) / INCIDENT))
-        fell, same = differs & (less[:, 0] * PAYLOAD > CARRY_BACK), np.cumsum(~self.carried_on)
+        surely = gain / CORRELATED_ROWS > np.log((1.0 - INCIDENT) / INCIDENT)  # the rest may be model error
+        fell, same = differs & surely & (less[:, 0] * PAYLOAD > CARRY_BACK), np.cumsum(~self.carried_on)
         for n in np.flatnonzero(fell):  # a mass that returns was supported, not spilled
             later = loads[n:][same[n:] == same[n], 0]
             fell[n] = loads[n - 1, 0] - np.max(later) > HALF * less[n, 0]

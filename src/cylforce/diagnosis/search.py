@@ -794,6 +794,7 @@ class Spill:
     errors:   (W, M) standard errors
     course:   (W, B) blocks after each time, until the load is dumped
     log:      log probability of the recordings
+    odds:     log of the odds that so many of the loads spill, compared with a healthy machine's
     rest:     residual at the worst joint, in noise floors
     before:   residual at the worst joint without a spill, in noise floors
     """
@@ -804,6 +805,7 @@ class Spill:
     errors: Array
     course: Array
     log: float
+    odds: float
     rest: float
     before: float
 
@@ -929,7 +931,7 @@ def _spill(
 ) -> Spill | None:
     """Return the spill of loads that are carried on; None without one.
 
-    A healthy machine's load seldom spills: the evidence is that of INCIDENT against SPILL.
+    A healthy machine's load seldom spills: every load is evidence of INCIDENT against SPILL.
     """
     proposal = next((p for p in question.machine.layout.proposals if p.name == PayloadSpill().about.name), None)
     if proposal is None or not np.any(losses.fell):
@@ -944,13 +946,14 @@ def _spill(
     density = form.log_prior(np.array([size]), np.array([[np.mean(errors[:, 0] ** 2) / len(sizes)]]))
     carried = losses.fell[payload.carried_on]
     often, seldom = (float(np.sum(np.log(np.where(carried, p, 1.0 - p)))) for p in (INCIDENT, SPILL))
-    log = idle.log + density + float(np.log(np.sqrt(2.0 * np.pi) * unit[0])) + often - seldom
+    log, odds = idle.log + density + float(np.log(np.sqrt(2.0 * np.pi) * unit[0])), often - seldom
     load, number = np.cumsum(~payload.carried_on), np.arange(len(payload.carried_on))
     course = np.zeros((int(np.sum(losses.fell)), len(question.times)))
     for row, n in enumerate(np.flatnonzero(losses.fell)):
         for k in number[(load == load[n]) & (number >= n)]:
             course[row, slice(*parts[k])] = 1.0
-    return Spill((proposal.name, proposal.at), proposal, sizes, errors, course, log, idle.rest, float(np.max(gaps)))
+    key, before = (proposal.name, proposal.at), float(np.max(gaps))
+    return Spill(key, proposal, sizes, errors, course, log, odds, idle.rest, before)
 
 
 # The whole search
