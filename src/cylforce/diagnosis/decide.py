@@ -67,11 +67,8 @@ class HypothesisEvidence:
 
     @cached_property
     def candidates(self) -> list[Candidate]:
-        """Hypotheses of lasting effects that are not withdrawn.
-
-        Effects beside another temperature do not count where they may be the error of the laws of friction.
-        """
-        return [c for c in self.found.candidates if not c.keys & self.withdrawn and not self._is_law_error(c)]
+        """Hypotheses of lasting effects that are not withdrawn."""
+        return [c for c in self.found.candidates if not c.keys & self.withdrawn]
 
     @cached_property
     def incidents(self) -> list[BlockIncident | Spill]:
@@ -226,6 +223,7 @@ class HypothesisEvidence:
         for c, weight in zip(self.candidates, self.weights.candidates, strict=True):
             lawful = self.lawful(c) * float(not c.hypothesis.forms or self.explained(c.rest) >= HALF)
             key = self.main(c) if c.hypothesis.forms else self._key_without_effect(c)
+            key = NO_GAP if self._is_law_error(c) else key
             found[key] = found.get(key, 0.0) + weight * lawful
             found[UNKNOWN] += weight * (1.0 - lawful)
         for i, weight in zip(self.incidents, self.weights.incidents, strict=True):
