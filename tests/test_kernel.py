@@ -279,7 +279,7 @@ def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
     prior[OWN - 1, OWN - 1], mean[OWN - 1] = 1.0 / wrong**2, amount / wrong**2
     covariance = np.linalg.inv(information + prior)
     both = covariance @ (wanted.factor.T @ wanted.right + mean)
-    low, high = constants._limits()
+    low, high = constants.limits()
     np.testing.assert_allclose(found.values, np.clip(both[OWN:], low, high), rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(found.covariance, covariance[OWN:, OWN:], rtol=1e-6, atol=1e-9)
     squares = np.split(

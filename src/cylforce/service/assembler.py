@@ -104,7 +104,12 @@ class AssemblerConstants(Constants):
         self.orders = lru_cache(maxsize=64)(self._order)
 
     def _order(self, ids: tuple[int, ...]) -> FrameOrder | None:
-        """Return the plan for frames with these identifiers; None where one of them is no sensor's."""
+        """Return the plan for decoding successive frames with these identifiers together.
+
+        It is None where one of the identifiers is no sensor's.
+
+        ids: CAN identifiers of the frames, in their order
+        """
         if not set(ids) <= set(self.mapped):
             return None
         found = [self.mapped[can_id] for can_id in ids]
@@ -188,7 +193,7 @@ class Assembler(Estimator):
         elif [*map(len, parts)] != order.sizes:
             self._receive_one_by_one(frames, moving)
         else:
-            self._judge(order.sorts, times, order.layout.unpack(b"".join(parts)), moving)
+            self._take(order.sorts, times, order.layout.unpack(b"".join(parts)), moving)
 
     def _receive_with_unknown(self, frames: Sequence[Frame], moving: Numbers) -> None:
         """Decode frames some of which are no sensor's; successive frames of sensors are decoded together."""
@@ -206,10 +211,10 @@ class Assembler(Estimator):
             pdo = self.constants.mapped[frame.can_id]
             longer = len(frame.data) - pdo.size
             sorts = array("q", (pdo.number, (longer > 0) - (longer < 0)))
-            self._judge(sorts, (frame.t_us,), pdo.unpack(frame.data) if longer >= 0 else (), moving)
+            self._take(sorts, (frame.t_us,), pdo.unpack(frame.data) if longer >= 0 else (), moving)
 
-    def _judge(self, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers) -> None:
-        """Update the state with frames of sensors.
+    def _take(self, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers) -> None:
+        """Update the state of signals and PDOs with sensors' frames: decode their values, check their plausibility.
 
         sorts:  number of each frame's PDO, then -1, 0, 1: too short, as mapped, too long
         times:  of each frame [us]
@@ -245,9 +250,13 @@ class Assembler(Estimator):
         self.state[place] = numbers(astuple(what))
 
     def sample(self, t_us: int) -> Sample:
-        """Return the sample at a tick, with unwrapped angles.
+        """Return the sample at a tick: the last value (S,) of each signal [SI], or the reason why it is not usable.
 
-        The last value of a signal that is late or was refused is used for `hold_s`; after that it is invalid."""
+        Angles are unwrapped. The last value of a signal that is late or was refused is used for the machine file's
+        `hold_s` [s]; after that it is not usable.
+
+        t_us: time of the tick [us]
+        """
         constants, place = self.constants, self.constants.sample
         found = ZERO * place.size
         bad = constants.kernel.usable(constants.plan, self.state, t_us, found)

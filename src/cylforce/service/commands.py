@@ -191,7 +191,7 @@ def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str,
 def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
     """Return the booking by hand of a bucket that was not weighed (None: refused), and the truck with it.
 
-    data:  the four bytes that were written: the mass
+    data:  the four bytes that were written: the mass as a signed little-endian integer of KG = 0.1 kg
     last:  last booking
     t_us:  time [us]
     truck: before the booking

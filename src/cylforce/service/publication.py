@@ -155,7 +155,10 @@ class Encoder(NamedTuple):
     pack: Callable[..., bytes]
 
     def data(self, estimate: Estimate) -> list[tuple[int, bytes]]:
-        """Return (number, bytes) of each TPDO for an estimate."""
+        """Return (number, data) of each TPDO for an estimate: its values rounded to the integers on the bus, as bytes.
+
+        The fields are those of the encoder; `limits` is empty where the kernel cannot round them, so that each TPDO is
+        packed by itself."""
         places, layouts, values, quantise, limits, room, pack = self
         given = values(estimate)
         if not limits:
@@ -201,9 +204,10 @@ class Encoders:
 
 
 def _reader(values: Sequence[PublishedValue]) -> Callable[[Estimate], Sequence[float]]:
-    """Return a function that returns these values of an estimate.
+    """Return a function that reads these published values [SI] from an estimate, in this order.
 
-    One attrgetter reads all attributes, because that is faster than one for each."""
+    One attrgetter reads all attributes, because that is faster than one for each. Attributes that are no plain numbers
+    are converted after that."""
     read = _attributes([value.path for value in values])
     conversions = [(place, value.convert) for place, value in enumerate(values) if value.convert is not None]
     if not conversions:
@@ -219,7 +223,9 @@ def _reader(values: Sequence[PublishedValue]) -> Callable[[Estimate], Sequence[f
 
 
 def _attributes(paths: Sequence[str]) -> Callable[[Estimate], Sequence[Any]]:
-    """Return a function that returns the attributes of an estimate at these paths."""
+    """Return a function that reads the attributes at these dotted paths, such as "force.x.value", from an estimate.
+
+    It returns a sequence for a single path, too."""
     if len(paths) > 1:
         return attrgetter(*paths)
     each = [attrgetter(path) for path in paths]

@@ -78,8 +78,10 @@ def _is_table(value: object) -> bool:
 
 
 def _copied(value: Any) -> Any:  # noqa: ANN401 - the value of any field
-    """Return a copy that later steps do not change. Arrays keep the order of their elements in memory, because linear
-    algebra may round differently in the other order."""
+    """Return a copy of a field's value that later steps do not change; that of an estimator is its `snapshot`.
+
+    Arrays keep the order of their elements in memory, because linear algebra may round differently in the other order.
+    """
     if isinstance(value, Estimator):
         return value.snapshot()
     if isinstance(value, dict):

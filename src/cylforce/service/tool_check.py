@@ -37,6 +37,9 @@ class ToolCheck(Estimator):
 
         The weight is that of an empty tool if it is plausible and differs from zero by at most EMPTY_BELOW rated
         payloads or three standard errors. It is impossible if it is not plausible, and negative or no more than that.
+
+        load:   estimator of the load, whose present lift says how long and how accurately the weight is known
+        weight: mass [kg] of the lift with its standard error
         """
         lift, settled, rated = load.lift, load.constants.settled_samples, load.constants.rated
         if lift.refused or lift.moving < settled or load.noise > GOOD_ENOUGH * rated:

@@ -67,8 +67,12 @@ class LoadConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
-        """Compute the constants: times in seconds become numbers of samples, the solver gets the limits of the gate.
+        """Compute the constants of the weighing: times become numbers of samples, the solver gets the gate's limits.
 
+        The gate is the test whether a sample fits one hanging load.
+
+        model:  of the machine
+        tares:  identified parameters of the empty machine
         kernel: form of the kernel; None: the compiled one if there is one
         """
         rate_hz = model.filters.rate_hz
@@ -148,10 +152,13 @@ class LoadEstimator(Estimator):
         drift: DriftKnowledge | None = None,
         tilt: float | None = None,
     ) -> Weight:
-        """Update the lift with one instant, and return the weight.
+        """Update the lift with one instant, and return the weight: mass [kg] and centre [m] of the load, with errors.
 
-        residual: after tares and drift
-        usable:   (R,) 1 where a row can be used
+        A sample that does not fit one hanging load is not used. After too many of them in a row the lift ends. A change
+        of the load in the air (spill) begins the lift anew. `event` is the effect of the instant on the lift.
+
+        residual: residual torque of each measured joint after tares and drift [N m]
+        usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         drift:    that is subtracted in the residual; None: friction and zeros are those of the tares
         tilt:     angle of the tool to the house [rad]; None where the tool does not empty by tilting
         """
@@ -178,8 +185,8 @@ class LoadEstimator(Estimator):
 
         In a lift of more than `fading_samples` a share of the old information is forgotten first.
 
-        residual:  of the instant, after tares and drift
-        usable:    (R,) 1 where a row can be used
+        residual:  residual torque of the instant, after tares and drift [N m]
+        usable:    (R,) 1 where the row of a measured joint torque can be used, else 0
         drift:     that is subtracted in the residual
         work:      written: intermediate results (`GateLayout`)
         concluded: written: mass and centre of the load and their errors (`ConclusionLayout`)
@@ -197,7 +204,7 @@ class LoadEstimator(Estimator):
         return fits
 
     def _advance(self, rested: Numbers, *, in_motion: bool, drift: DriftKnowledge, tilt: float | None) -> None:
-        """Count a sample that fits.
+        """Count a sample that fits the load, and examine the lift for a spill from time to time.
 
         rested:    (R,) number of samples for which each row has been at rest, after this sample
         in_motion: whether a row moves
@@ -237,9 +244,13 @@ class LoadEstimator(Estimator):
         lift.keep_check(now, last, KEPT)
 
     def _fade(self, work: Numbers) -> None:
-        """Fade a small share of the old information of a long lift in the directions of the rows in `work`.
+        """Fade a small share of the old information of a long lift, in the directions that the present sample measures.
 
-        The estimate and its dependence on the tares do not change."""
+        The estimate and its dependence on the tares do not change.
+
+        work: intermediate results of the sample (`GateLayout`), of which the columns (R, 4) of the load and the marks
+              of the rows that are used are read
+        """
         lift, place = self.lift, self.constants.gate
         columns = part(work, place.columns).reshape(-1, 4)[part(work, place.taken) > 0.0]
         if not len(columns):
@@ -250,7 +261,12 @@ class LoadEstimator(Estimator):
         lift.numbers = lift_numbers(root, gram, (lift.values, lift.covariance))
 
     def conclude(self, drift: DriftKnowledge) -> Weight:
-        """Return mass and centre of the load, with standard errors by noise, tares, drift and scale."""
+        """Return mass [kg] and centre [m] of the load from the present lift, corrected by the drift.
+
+        Their standard errors contain those of noise, tares, drift and scale.
+
+        drift: of friction and zeros, with its covariance
+        """
         c, concluded = self.constants, ZERO * self.constants.conclusion.size
         c.kernel.conclude(c.solver, self.lift.numbers, drift.values, drift.covariance, concluded)
         return self._weight(concluded)
@@ -267,10 +283,12 @@ class LoadEstimator(Estimator):
         )
 
     def is_plausible(self, weight: Weight) -> bool:
-        """Return whether the estimate can be a load.
+        """Return whether the estimate can be a load: its mass must be positive and its centre within reach.
 
-        Its mass must be positive and its centre within reach. For a mass near zero the first moment must be near zero,
-        too."""
+        For a mass near zero (an empty bucket) the first moment [kg m] must be near zero, too.
+
+        weight: mass [kg] and centre [m] of the load, with standard errors
+        """
         rated, reach = self.constants.rated, self.constants.reach
         if abs(weight.mass) < max(EMPTY_BELOW * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)

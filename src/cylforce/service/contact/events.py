@@ -166,7 +166,11 @@ class ContactDetector(Estimator):
         self._note(EventKind.STIFF_OBJECT, t_us, place, probably(rise, self.constants.jump, error))
 
     def _check_slope(self, t_us: int, place: complex) -> None:
-        """Report a change of the ground's slope."""
+        """Report a change of the slope of the ground along which the teeth are dragged.
+
+        t_us:  time [us]
+        place: of the teeth, x + i z [m]
+        """
         self.course, confidence = kink(self.course, place)
         if confidence is not None:
             self._note(EventKind.SLOPE_CHANGES, t_us, place, confidence)

@@ -104,9 +104,12 @@ class Lift(Estimator):
         return sqrt(max(float(gain @ covariance @ gain), 0.0))
 
     def moments(self, tares: Array, drift: DriftKnowledge, colder: float = 1.0) -> tuple[Array, Array]:
-        """Return mass [kg] and first moments [kg m] (3,) less the drift, and their covariance (3, 3).
+        """Return mass [kg] and first moments x, z [kg m] (3,) of the load, and their covariance (3, 3).
+
+        They are corrected by the drift. The covariance includes the errors of tares and drift.
 
         tares:  (P, P) covariance of the tares
+        drift:  of friction and zeros, with its covariance
         colder: factor on the covariance of the drift
         """
         change = (self.covariance @ self.gram)[:3]

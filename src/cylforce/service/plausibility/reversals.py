@@ -36,6 +36,12 @@ class ReversalConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, steps: int) -> None:
+        """Find the parameters of each cylinder's dry friction among the tares.
+
+        model: of the machine
+        tares: identified parameters of the empty machine
+        steps: largest number of filter steps between a reversal and a step of a pressure that it explains
+        """
         self.model, self.tares, self.steps = model, tares, steps
         names = {p.name: k for k, p in enumerate(model.parameters)}
         cylinders = (c.name for c in model.machine.cylinders)
@@ -67,9 +73,13 @@ class Reversals(Estimator):
         self.at, self.way = array("d", [-inf]) * size, ZERO * size
 
     def update(self, instant: Instant, steps: int) -> None:
-        """Update the reversals with the filters' step number `steps`.
+        """Note the cylinders that are about to reverse at this step, and their direction after it.
 
-        `Instant.reversing` marks a reversal ahead of the filtered speed, which is delayed."""
+        The mark `reversing` is ahead of the filtered speed, which is delayed: it is still that before the reversal.
+
+        instant: rows of the step, with `reversing` (C,) and `speed` (C,) [m/s] of the cylinders
+        steps:   number of steps of the filters so far
+        """
         reversing = instant.reversing
         if not any(reversing):
             return

@@ -27,7 +27,7 @@ class BelowVacuum(MarkedPressures):
     """Pressures that were below vacuum."""
 
     def on_step(self, features: Features) -> None:
-        """Mark the pressures that stay below vacuum."""
+        """Mark the pressures that stayed below vacuum for the last FALL_STEPS steps."""
         recent = fallen(features)
         if recent is not None:
             self.mark(self.marked | (recent[-FALL_STEPS:].max(axis=0) < VACUUM), SensorFault.BELOW_VACUUM)
@@ -38,7 +38,7 @@ class BurstHose(MarkedPressures):
     """Pressures that fell to zero within 50 ms."""
 
     def on_step(self, features: Features) -> None:
-        """Mark the pressures that fell and stay below NOTHING, but not below vacuum."""
+        """Mark the pressures that fell from above FALLS to below NOTHING [Pa] and stay there, but not below vacuum."""
         recent = fallen(features)
         if recent is None:
             return

@@ -79,6 +79,11 @@ class StepTest:
     """
 
     def __init__(self, machine: Machine, rate_hz: float, kernel: Kernel | None = None) -> None:
+        """Compute the curves, the possible swaps, and the log likelihood ratio of one false alarm in HOURS.
+
+        rate_hz: steps per second [Hz]
+        kernel:  form of the kernel; None: the compiled one if there is one
+        """
         self.kernel, self.signals = kernel or choice.chosen(), pressures(machine)
         own = [machine.signals[k] for k in self.signals]
         self.swaps = _swaps(machine)
@@ -99,6 +104,7 @@ class StepTest:
         self.pairs = counts(p for pairs in filled for pair in pairs for p in pair)
 
     def _gate(self) -> Numbers:
+        """Return the change (P,) [Pa] between two readings below which no step can be suspected."""
         many = 2 * (FREE + KNOWN)
         squares = min(FREE * (exp(self.least / FREE) - 1.0), 0.5 * many * (exp(4.0 * self.least / many) - 1.0))
         return numbers(0.5 * (sqrt(squares) / abs(self._rise)) * np.sqrt(self._noise))
@@ -122,7 +128,9 @@ class StepTest:
         return self._stepped(window, readings[:-WINDOW]) if found % 2 else NOTHING_SUSPECTED
 
     def _stepped(self, window: Array, earlier: Array) -> SensorSuspicion:
-        """Return the suspicion of the pressure that stepped alone, if one did.
+        """Return the suspicion of the pressure that stepped alone; NOTHING_SUSPECTED if none did.
+
+        A curve with a step must explain it much better than one without, and better than a blow to all pressures.
 
         window:  (WINDOW, P) last readings [Pa]
         earlier: (T, P) readings before them [Pa]
@@ -149,9 +157,11 @@ class StepTest:
         return np.asarray(np.maximum(squared.mean(axis=0) / (FREE + 1), self._noise))
 
     def _unlikely(self, squared: Array, known: Array | None) -> Array:
-        """Return minus the log likelihood [nats] of a residual: Student's, if the earlier variance is known.
+        """Return minus the log likelihood [nats] (P,) of a curve's residual.
 
-        squared: squares of the residual [Pa^2]
+        The distribution is Student's if the variance of the earlier readings is known.
+
+        squared: (P,) sum of squares of the residual [Pa^2]
         known:   (P,) variance of the earlier readings [Pa^2]; None: not known
         """
         if known is None:
@@ -160,7 +170,7 @@ class StepTest:
         return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(share, 1.0)))
 
     def _blow(self, plain: Array, stepped: Array) -> float:
-        """Return the log likelihood [nats] of a blow.
+        """Return the log likelihood [nats] of a blow to the machine, which changes all pressures at once.
 
         Each pressure continues, steps, or has any readings, with equal probability.
 
@@ -171,10 +181,12 @@ class StepTest:
         return float(np.sum(either - log(3.0)))
 
     def _misfit(self, squared: Array, noise: Array) -> Array:
-        """Return minus the log likelihood [nats] of a residual with a variance of its own, 0 up to that of the noise.
+        """Return minus the log likelihood [nats] of a curve's residual with a variance of its own.
 
-        squared: squares of the residual [Pa^2]
-        noise:   least variance [Pa^2]
+        It is 0 up to the variance of the noise.
+
+        squared: sum of squares of the residual [Pa^2]
+        noise:   least variance [Pa^2], as `squared`
         """
         return np.asarray(0.5 * FREE * np.log(np.maximum(squared / (FREE * noise), 1.0)))
 
@@ -188,10 +200,16 @@ class StepTest:
         return np.asarray(squares - ((one[:, :, None] + other[:, None, :]) ** 2).sum(axis=0))
 
     def _swapped(self, window: Array, plain: Array, stepped: Array) -> Pairs:
-        """Return the pairs that are swapped, if any are.
+        """Return the pairs of pressures that were swapped; empty if none were.
 
-        Both signals of a pair must be evidence, and the weaker evidence counts twice. A swap must be likelier than a
-        blow."""
+        Curves through the first readings of one and the last readings of the other must explain them much better than
+        curves through the readings of each. Both signals of a pair must be evidence, and the weaker evidence counts
+        twice. A swap must be likelier than a blow.
+
+        window:  (WINDOW, P) last readings [Pa]
+        plain:   (P,) minus the log likelihoods [nats] of curves without a step
+        stepped: (P,) minus the log likelihoods [nats] of curves with a step
+        """
         squared, blow = self._crossed(window), self._blow(plain, stepped)
         crossed = self._misfit(squared, np.maximum(self._noise[:, None], self._noise))
         better = np.diagonal(crossed)[:, None] - crossed  # (P, P): if the last readings are those of another
@@ -206,6 +224,9 @@ class StepTest:
 
 
 def _swaps(machine: Machine) -> list[Pairs]:
+    """Return the possible swaps of a machine's pressures, each as pairs of their numbers among the P pressures.
+
+    A plug may be exchanged between both sides of a cylinder, or a node of both sides between two cylinders."""
     places = {(s.index, s.kind): p for p, s in enumerate(machine.signals[k] for k in pressures(machine))}
     both = [c for c in range(len(machine.cylinders)) if {(c, k) for k in SIDES} <= set(places)]
     sides: list[Pairs] = [((places[c, SIDES[0]], places[c, SIDES[1]]),) for c in both]
@@ -234,6 +255,7 @@ class StepConstants(Constants):
     """
 
     def __init__(self, machine: MonitoredMachine) -> None:
+        """Compute the constants of the test, and of the motion that confirms or refutes a step."""
         model, self.blocks = machine.model, machine.blocks
         self.test = StepTest(model.machine, model.filters.rate_hz)
         self.reversals = ReversalConstants(model, machine.tares, AFTER * self.test.every)
@@ -241,7 +263,11 @@ class StepConstants(Constants):
         self.pick = picker(model.machine)
 
     def error_of(self, suspicion: SensorSuspicion) -> tuple[int, float]:
-        """Return the number of the suspected signal in the blocks, and its error [bar on the head side]."""
+        """Return the suspected cylinder force as a number in the blocks, and its error [bar on the head side].
+
+        suspicion: of one pressure that stepped by `size` [Pa]; a rod pressure counts by the ratio of the areas, with
+                   the sign reversed
+        """
         machine = self.blocks.model.machine
         signal = machine.signals[suspicion.signals[0]]
         cylinder = machine.cylinders[signal.index]
@@ -347,7 +373,10 @@ class PressureStep(Detector):
         self._read(now, steps, late=late)
 
     def _fill(self, now: Numbers, missing: int) -> None:
-        """Insert interpolated readings for `missing` ones; discard all readings if too many are missing."""
+        """Insert linearly interpolated readings for `missing` ones; discard all readings if too many are missing.
+
+        now: (P,) present pressures [Pa], up to which the readings are interpolated
+        """
         if not 0 <= missing <= AFTER or not self.readings:
             self._forget_readings()
             return
@@ -357,7 +386,14 @@ class PressureStep(Detector):
             self._read(between, self.steps + self.constants.test.every, late=True)
 
     def _read(self, now: Numbers, steps: int, *, late: bool) -> None:
-        """Append one reading (P,) [Pa], and test for a step AFTER readings before it."""
+        """Append one reading, and test for a step or swap that happened AFTER readings before it.
+
+        Nothing is tested beside a late reading, or where no pressure changed by more than the gate.
+
+        now:   (P,) pressures [Pa]
+        steps: number of steps of the filters
+        late:  whether the reading is late or interpolated
+        """
         size, test = len(now), self.constants.test
         self.readings += now
         self.steps = steps
@@ -381,7 +417,13 @@ class PressureStep(Detector):
             self.vote(features.blocks.block)
 
     def vote(self, block: Block) -> None:
-        """Update the votes on the suspicion with a second of motion."""
+        """Update the votes against the suspicion with a second of motion, and end the suspicion with enough of them.
+
+        A suspected step loses by twice the log likelihood ratio of the second without and with it. Suspected swaps lose
+        by each second in a row that a load explains. A step that is not confirmed ends after KEPT_SECONDS seconds.
+
+        block: evidence of the second about the errors of the signals
+        """
         c, rated = self.constants, self.constants.blocks.rated
         if self.report.level is Level.FINE or self.steps - self.since <= c.settled:
             return
