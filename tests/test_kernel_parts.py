@@ -228,7 +228,7 @@ def test_what_errors_of_signals_do_to_the_torques(kernel):
     kernel.slips(plan, channels, values, turned, 2, 1e-3, angles)
     columns = rows[: 3 * len(model.filtered.regressor.names)].reshape(3, -1)
     told = (making.counts(own), 2, per_bar, turned, 2, 1e-3, room(len(values)), work, found)
-    kernel.error_torques(plan, made, rows, channels, load_in, *told)
+    kernel.torque_per_error(plan, made, rows, channels, load_in, *told)
     wanted = 1.1 * np.concatenate([columns[:, own] * per_bar, np.reshape(angles, (3, 2))], axis=1)
     np.testing.assert_allclose(np.reshape(found, (3, 4)), wanted, rtol=1e-9, atol=1e-9)
 

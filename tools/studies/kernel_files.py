@@ -32,7 +32,15 @@ FILES = {  # functions of a file that the service calls
     "rows.py, bodies.py, columns.py": ("sense", "advance", "slips", "moves"),
     "weighed.py": ("explain", "gate", "take", "conclude", "weigh_load", "without_load"),
     "pushed.py": ("push", "show", "learn", "fill"),
-    "recognised.py": ("gather", "daily_change", "gather_block", "error_torques", "rock", "turn_force", "mass_slopes"),
+    "recognised.py": (
+        "gather",
+        "daily_change",
+        "gather_block",
+        "torque_per_error",
+        "rock",
+        "turn_force",
+        "mass_slopes",
+    ),
     "drifting.py, followed.py": ("certain", "follow"),
     "pressures.py": ("suspicious", "certain_steps", "group", "compare", "update_noise"),
 }

@@ -44,10 +44,16 @@ class Fit(NamedTuple):
 
 
 def least_squares(data: Factors, row_error: Array, prior: Prior | None) -> Fit:
-    """Return the fit of observed = columns @ values.
+    """Return the robust least-squares fit of observed = columns @ values to a recording, with its covariance.
 
-    Rows are weighted by 1/row_error (R,). A block that fits much worse than the others has a smaller weight. Raises
-    ValueError when there are no usable rows."""
+    Rows are weighted by the inverse of their standard error. A block that fits much worse than the others has a smaller
+    weight. The noise of the sensors within the columns does not bias the values. Raises ValueError when there are no
+    usable rows.
+
+    data:      B blocks of rows of R measured torques
+    row_error: (R,) standard error of the rows of each torque [N m]
+    prior:     of the parameters; None: none
+    """
     if not np.any(data.samples):
         raise ValueError("no usable rows: nothing to fit")
     root = _prior_rows(prior, data.triangle.shape[-1] - 1)
@@ -65,6 +71,7 @@ def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, floa
 
     With equal weights, models of the same data can be compared by this sum.
 
+    data:   B blocks of rows of R measured torques
     weight: (B, R) factor on the rows of each block
     """
     triangle, root = stacked_triangle(data, weight), _prior_rows(prior, data.triangle.shape[-1] - 1)

@@ -79,9 +79,11 @@ def factors(columns: Array, observed: Array, mark: Array, block: int) -> Factors
 
 
 def row_factors(rows: BlockRows, block: int) -> Factors:
-    """Return the factors of a stretch of a recording.
+    """Return the triangular factors of the rows of a stretch of a recording, cut into blocks.
 
-    rows:  of the stretch
+    A row that is not finite is omitted. Rows that are set aside have a factor of their own.
+
+    rows:  of the stretch: columns (T, R, K), observed values (T, R), their noise, and which rows are fitted
     block: samples per block
     """
     size = rows.columns.shape[-1] + 1
@@ -234,7 +236,10 @@ def _paired(triangle: Array) -> Array:
 
 
 def chosen(data: Factors, columns: list[int]) -> Factors:
-    """Return the factors of a selection of the columns, in the order given."""
+    """Return the factors of a selection of the columns, for a fit of their parameters alone.
+
+    columns: numbers of the columns to keep, in their new order
+    """
     keep = [*columns, data.triangle.shape[-1] - 1]
 
     def kept(triangle: Array) -> Array:
@@ -258,9 +263,12 @@ def beside(data: Factors, combinations: Array) -> Factors:
 
 
 def settled(data: Factors, columns: list[int], values: Array) -> Factors:
-    """Return the factors without `columns`, whose parameters are fixed at `values`.
+    """Return the factors without some columns, whose parameters are fixed and whose part is subtracted.
 
-    The contribution of these columns is subtracted from the observed value."""
+    data:    factors of K columns
+    columns: numbers of the columns to remove
+    values:  value of the parameter of each of them
+    """
     rest = [k for k in range(data.triangle.shape[-1] - 1) if k not in set(columns)]
 
     def without(triangle: Array) -> Array:

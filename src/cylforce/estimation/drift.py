@@ -24,10 +24,13 @@ def kinds(model: Model) -> NDArray[np.int_]:
 
 
 def drift_spread(model: Model, values: Array, differs: BetweenStrokes) -> Array:
-    """Return the standard errors (D,) of the drift: friction [N, N s/m], zeros [N].
+    """Return the standard errors (D,) of the drift (change since the identification): friction [N, N s/m], zeros [N].
 
-    values:  (P,) parameters
-    differs: differences between strokes
+    A friction changes by a share of its value, at least as much as SMALLEST_FRICTION [Pa] on the first cylinder's head
+    side. A pressure zero [Pa] counts as a force on the head side.
+
+    values:  (P,) parameters of the empty machine, the frictions among them
+    differs: standard errors of the differences: share of the friction, pressure [Pa]
     """
     least = SMALLEST_FRICTION * model.machine.cylinders[0].area_head
     friction = np.maximum(differs.friction * np.abs(values[model.changing_friction]), least)

@@ -192,7 +192,9 @@ class Model:
         return slice(first, first + len(self.machine.cylinders))
 
     def share_at_rest(self, columns: Array) -> Array:
-        """Return the share (..., R), 0 to 1, of the lever with friction of unknown direction.
+        """Return the share (..., R), 0 to 1, of each measured joint's lever with friction of unknown direction.
+
+        At rest the direction of friction is unknown; in motion the share is 0.
 
         columns: (..., R, K) all columns of filtered rows
         """

@@ -60,11 +60,12 @@ def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
 
 
 def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) -> Observed:
-    """Return the rows of a stretch of samples (T, S) without gaps.
+    """Return the filtered rows of a stretch of samples: measured joint torques [N m] and the columns that explain them.
 
     The settling time of the filters is omitted. Rows with an unusable lever or unknown direction of friction have NaN
     as torque.
 
+    values: (T, S) samples of all signals [SI], without gaps
     first: step of the recording at which the stretch begins
     noisy: estimate the sensors' noise; False: taken as zero, in half the time
     """
@@ -157,7 +158,10 @@ class TooShortError(ValueError):
 
 
 def _marks(seen: Observed) -> Array:
-    """Return the marks (T, N + 3 C + 2 R) of each sample, in the order of `observed_factors`."""
+    """Return the marks (T, N + 3 C + 2 R) of each sample: figures that describe what the machine does in a block.
+
+    In this order: joint angles (N) [rad]; absolute speed (C) of the cylinders [m/s]; 1 where each extends (C); 1 where
+    each retracts (C); torque (R) [N m], 0 where the row is not fitted; 1 where the row is fitted (R)."""
     ways = (seen.speed > MOVING, seen.speed < -MOVING)
     fitted = seen.certain & np.isfinite(seen.torque) & np.all(np.isfinite(seen.columns), axis=-1)
     torque = (np.where(fitted, seen.torque, 0.0), fitted)

@@ -69,7 +69,7 @@ INTERPRETED: Any = SimpleNamespace(
             recognised.gather,
             recognised.daily_change,
             recognised.gather_block,
-            recognised.error_torques,
+            recognised.torque_per_error,
             recognised.rock,
             followed.certain,
             followed.follow,

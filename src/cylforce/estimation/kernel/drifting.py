@@ -12,8 +12,11 @@ DRIFT: Count = 5  # place of the first drift, after the usual carry-back
 
 @record
 class KernelDrift:
-    """Constants of R rows (measured torques) of K columns with N = 5 + D unknowns: deviation of this return's load from
-    the usual one (4), the usual carry-back (1), the drift (D) of frictions and pressure zeros.
+    """Constants of one machine for the adaptation of friction and pressure zeros while the empty bucket returns.
+
+    There are R rows (measured torques) of K columns. The N = 5 + D unknowns are the deviation of this return's
+    carry-back from the usual one, as a load (m, m x, m z, J) (4); the mass of the usual carry-back (1); and the D
+    drifts, frictions first, then pressure zeros.
 
     r, k, n:   sizes R, K, N
     rests:     number of columns in `at_rest`
@@ -83,12 +86,17 @@ class KernelDrift:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Set the constants from lists.
+        """Set the constants of a machine, and the room for intermediate results, from lists.
 
-        sizes:   r, k, n
-        limits:  certain, keep, memory, prior, shown, mean
-        counts:  arrays of integers: changing, kinds, load_at, good, at_rest, coulomb
-        numbers: arrays of numbers: load, unit, low, high, row_error, alike, usual, rows, basis, row, matrix, inverse
+        sizes:   numbers of measured torques (r), of columns (k) and of unknowns (n): 5 of the carry-back, D drifts
+        limits:  certain, largest share of a lever with friction of unknown direction; keep, share of the information
+                 that an update keeps; memory, updates that count as one measurement; prior, measurements for which the
+                 prior spread counts; shown, share of an update of the mass; mean, usual carry-back before any return
+        counts:  arrays of integers: columns of the drifts and their kinds, places of a load among the parameters, room
+                 for the rows to use, columns of friction at rest and of Coulomb friction
+        numbers: arrays of numbers: shares of a load in the parameters, prior standard errors of the unknowns, limits of
+                 the drift (lowest, highest), errors of the rows [N m], inverse correlation of the drifts, load of one
+                 kilogram of carry-back, and five arrays of room
         """
         self.arrays = (counts, numbers)
         self.r, self.k, self.n = sizes[0], sizes[1], sizes[2]

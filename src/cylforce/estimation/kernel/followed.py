@@ -47,9 +47,10 @@ def update_mass(a: KernelDrift) -> Count:
 
 
 def certain(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
-    """Return the number of rows with which the drift can be updated, and list them.
+    """Return the number of rows (measured torques) with which the drift can be updated, and list them.
 
-    A row is used if it is usable and at most the share `a.certain` of its lever has friction of unknown direction.
+    A row is used if it is usable and in motion: less than the share `a.certain` of its lever has friction of unknown
+    direction.
 
     Read:
     columns: (R, K) of the rows (measured torques)
@@ -128,10 +129,13 @@ def follow(
 
 @inner
 def listed_row(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None:
-    """Write the coefficients of a row for the N unknowns: deviation of the load (4), usual carry-back (1), drift (D).
+    """Write the equation of one measured torque: its torque per unit of each of the N unknowns of the adaptation.
 
-    r:       number of the row (measured torque)
-    m:       number of the result
+    The unknowns are the deviation of this return's carry-back from the usual one, as a load m, m x, m z, J (4); the
+    usual carry-back [kg] (1); the drift of frictions [N, N s/m] and pressure zeros [N] (D).
+
+    r:       number of the measured torque
+    m:       row of the result in `a.rows`
 
     Read:
     columns: (R, K) of the instant
@@ -258,7 +262,10 @@ def rotate_row(a: KernelDrift, update: Numbers, observed: Number) -> None:
 
 @inner
 def estimate(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
-    """Compute the drift, (R'R + prior)^-1 (R'z + prior mean), within its limits, its covariance and the scale.
+    """Compute the drift of friction and zeros from the information of all returns, with its covariance and its spread.
+
+    It is (R'R + prior)^-1 (R'z + prior mean), limited to its physical range. The scale is the variance of this
+    machine's frictions and zeros in units of the prior's.
 
     Read:
     scale:  (2,) variance of frictions and of zeros so far, in units of the prior's
@@ -291,10 +298,11 @@ def estimate(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
 
 @inner
 def inform(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
-    """Compute the information R'R and priors, for unknowns in units of their prior standard errors `a.unit`.
+    """Compute the information matrix (inverse covariance) of the N unknowns: R'R of the measured rows plus the priors.
 
-    The priors of the usual carry-back and of the drift, which are not forgotten, are added. That of the drift is the
-    inverse correlation over the variance of its kind.
+    The unit of each unknown is its prior standard error `a.unit`. The prior of the usual carry-back is one then. That
+    of the drift is the inverse correlation over the variance of its kind, friction or zero. These priors are added anew
+    at each update, so that they are not forgotten.
 
     Read:
     scale:  (2,) variance of frictions and of zeros, in units of the prior's
@@ -339,7 +347,9 @@ def rescale(a: KernelDrift, update: Numbers) -> None:
 
 @inner
 def limit(a: KernelDrift, update: Numbers) -> None:
-    """Limit the drift. Where that changes it, the right-hand side z becomes R x, so that it gives the limited x.
+    """Limit the drift to its physical range, between `a.low` and `a.high` (D,) [N, N s/m, N].
+
+    Where that changes it, the right-hand side z becomes R x, so that the information gives the limited x.
 
     Read and written: `a.basis`, whose first N numbers are the estimate x
 

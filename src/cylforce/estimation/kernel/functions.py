@@ -60,7 +60,9 @@ class Kernel(Protocol):
     ) -> int:
         """Return whether an instant fits the load of a lift: 0 no, 1 yes, 2 yes and a usable row moves.
 
-        Which arguments are read and written, with shapes and units: see `weighed.gate`."""
+        Read are the instant's columns and measured torques (`rows`), its residual torques with their variances, the
+        variance by a rocking base, which rows are usable and how long each has rested, the drift of friction and zeros
+        with its covariance, and the lift. `work` is written. Shapes and units: `weighed.gate`."""
 
     def take(self, s: Solver, rows: Flat, residual: Flat, work: Flat, lift: Flat, /) -> None: ...
     def conclude(self, s: Solver, lift: Flat, drift: Flat, drift_covariance: Flat, conclusion: Flat, /) -> None: ...
@@ -81,7 +83,8 @@ class Kernel(Protocol):
     ) -> int:
         """Update the state of a lift with one instant if it fits, and compute the mass and centre of its load.
 
-        Which arguments are read and written, with shapes and units: see `weighed.weigh_load`."""
+        The arguments are those of `gate`, whose result is returned. `lift` is updated; `conclusion` is written: mass
+        [kg], centre [m], their standard errors. Shapes and units: `weighed.weigh_load`."""
 
     def without_load(
         self, s: Solver, rows: Flat, residual: Flat, lift: Flat, unexplained: Flat, values: Flat, /
@@ -101,9 +104,11 @@ class Kernel(Protocol):
         force: Flat,
         /,
     ) -> None:
-        """Compute the force at the tool at one instant from the residual torques, with its covariance.
+        """Compute the force at the tool [N] at one instant from the residual torques, with its covariance.
 
-        Which arguments are read and written, with shapes and units: see `pushed.push`."""
+        Read are the instant's columns and measured torques (`rows`), which are usable, the load (m, m x, m z, J) in the
+        bucket, the drift of friction and zeros, the torques [N m] by the probable error of each signal, and the errors
+        of the torques before this instant. These errors after it, and the force, are written. Shapes: `pushed.push`."""
 
     def show(
         self,
@@ -117,9 +122,11 @@ class Kernel(Protocol):
         ground: Flat,
         /,
     ) -> None:
-        """Compute the two published forces: the resultant at the tool, and the force of the ground.
+        """Compute the two published forces, resultant at the tool and force of the ground, from a result of `push`.
 
-        Which arguments are read and written, with shapes and units: see `pushed.show`."""
+        The force of the ground is the resultant less the load (m, m x, m z, J), or less an unknown weight unless
+        `load_known`. `clear` is the ratio of a force to its standard error across, above which its direction is
+        certain. The forces are written: components [N], direction [rad], errors. Shapes: `pushed.show`."""
 
     def learn(self, s: Solver, force: Flat, good: Flat, load: Flat, noise: Flat, /) -> None: ...
     def fill(self, covariance: Flat, full: Flat, share: float, result: Flat, /) -> None: ...
@@ -137,9 +144,11 @@ class Kernel(Protocol):
         gram: Flat,
         /,
     ) -> int:
-        """Add the normal equations of one instant to those of a block, and return the number of rows added.
+        """Add the normal equations of one instant to those of a block of motion, and return the number of rows added.
 
-        Which arguments are read and written, with shapes and units: see `recognised.gather`."""
+        A row is the residual torque [N m] of one measured joint; its unknowns are a load, changes of friction and zeros
+        in units of `change`, and an error of each of `signals` signals, which causes `error_torques` [N m per unit].
+        `memory` samples count as one. `gram`, the sums of products, is updated. Shapes: `recognised.gather`."""
 
     def daily_change(
         self, s: Solver, drift_covariance: Flat, stroke_errors: Flat, frictions: int, unknown: float, change: Flat, /
@@ -163,11 +172,14 @@ class Kernel(Protocol):
         gram: Flat,
         /,
     ) -> int:
-        """Add the normal equations of one instant to those of a block of the plausibility tests (`gather`).
+        """Add the normal equations of one instant to those of a block of the plausibility tests, as `gather` does.
 
-        Which arguments are read and written, with shapes and units: see `recognised.gather_block`."""
+        The residual torque is computed here, from columns and torques (`rows`) less the drift of the frictions. The
+        unit of a change of friction or zero follows from `stroke_errors`, of a friction not yet known wider by
+        `unknown`. `residual`, `change` and `friction_drift` are room, `gram` is updated. Shapes:
+        `recognised.gather_block`."""
 
-    def error_torques(
+    def torque_per_error(
         self,
         p: Plan,
         s: Solver,
@@ -185,9 +197,11 @@ class Kernel(Protocol):
         torques: Flat,
         /,
     ) -> None:
-        """Compute the residual torque by a unit error of each signal: the sensitivity (R, H) to misleading readings.
+        """Compute the residual torque (R, H) that one unit of error of each of H signals causes, into `torques`.
 
-        Which arguments are read and written, with shapes and units: see `recognised.error_torques`."""
+        The signals are cylinder forces [bar over the head area] and joint angles [rad], varied by `step` [rad] at the
+        present channels. Read are the columns of the forces and the load in the bucket, too; `values` and
+        `angle_torques` are room. Shapes and units: `recognised.torque_per_error`."""
 
     def rock(
         self,
@@ -209,9 +223,11 @@ class Kernel(Protocol):
         base_variance: Flat,
         /,
     ) -> None:
-        """Compute the variance that a rocking base adds to each row (measured torque).
+        """Compute the variance [N^2 m^2] that a rocking base adds to each row (measured torque), into `base_variance`.
 
-        Which arguments are read and written, with shapes and units: see `recognised.rock`."""
+        While `learning`, the variances of the base's accelerations [m^2/s^4] are updated from the torque that the load
+        of the lift does not explain, unless its misfit is too large; the tilt gives their least value. `unexplained`,
+        `values` and `levers` are room. Shapes and units: `recognised.rock`."""
 
     def turn_force(
         self, p: Plan, channels: Flat, x: float, z: float, joints: Counts, angles: int, first: int, torques: Flat, /
@@ -228,9 +244,11 @@ class Kernel(Protocol):
         slopes: Flat,
         /,
     ) -> None:
-        """Compute the change of the load's mass per unit of each signal's error: the first row of A^-1 B.
+        """Compute the change of the load's mass [kg] per unit of each signal's error, into `slopes`.
 
-        Which arguments are read and written, with shapes and units: see `recognised.mass_slopes`."""
+        Read are the sums of products of a lift's ended blocks and of the running block (`gather`), equations of `size`
+        numbers of which `errors` belong to errors of signals, and the prior information on the load. `memory` samples
+        count as one. Shapes and units: `recognised.mass_slopes`."""
 
     # followed.py
     def certain(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
@@ -251,7 +269,9 @@ class Kernel(Protocol):
     ) -> None:
         """Update the drift of frictions and pressure zeros with one instant of an empty bucket.
 
-        Which arguments are read and written, with shapes and units: see `followed.follow`."""
+        Read are the instant's columns and residual torques of the `number` rows that `certain` listed, the variance by
+        a rocking base, and from the last update the information (factor, right), drift, scale of its spread, and mass
+        [kg] that the empty bucket would show. `update` is written, with the same parts. Shapes: `followed.follow`."""
 
     # pressures.py
     def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
@@ -274,10 +294,11 @@ class Kernel(Protocol):
         misfit: Flat,
         /,
     ) -> int:
-        """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by a swap of
-        plugs, 3 either, 0 none.
+        """Return whether readings show a step: 1 of one of `p` pressures, 2 by a swap of plugs, 3 either, 0 none.
 
-        Which arguments are read and written, with shapes and units: see `pressures.certain_steps`."""
+        Smooth curves through the readings [Pa], with a step after `before` of them and without, are compared by their
+        likelihood with the sensors' noise; the ratio must exceed `least`. `products` and `misfit` are written. Shapes
+        and units: `pressures.certain_steps`."""
 
     def group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
     def compare(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
@@ -297,6 +318,8 @@ class Kernel(Protocol):
         state: Flat,
         /,
     ) -> None:
-        """Update the noise of the pressures whose cylinder moved, with one group of readings.
+        """Update the noise of the pressures whose cylinder `moved`, with one group of `size` readings [Pa].
 
-        Which arguments are read and written, with shapes and units: see `pressures.update_noise`."""
+        A noise that has become smaller than the limits `quiet`, as shares of the earlier noise, is gone. Read are means
+        and variances of the last groups and the variances of the sensors' data sheets [Pa^2]; `work` is room, `state`
+        (noise of earlier groups, number of groups since it is gone) is updated. Shapes: `pressures.update_noise`."""

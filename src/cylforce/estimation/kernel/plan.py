@@ -121,10 +121,13 @@ class KernelPlan:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], physics: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Set the constants from lists in the order in which `making.plan` makes them.
+        """Set the constants of a machine's geometry, columns and filters from lists in the order of `making.plan`.
 
-        sizes:   n, c, r, k, d, law_size, waits, rate_slew, inertial, tip
-        physics: gravity, axis, base_x, base_z, dt
+        sizes:   numbers of joints (n), cylinders (c), measured torques (r), columns (k), channels (d) and force laws;
+                 steps for which a bad lever spoils a row; whether the slew rate is measured, and whether the base has
+                 an inertial sensor; first column of the tool
+        physics: gravity [m/s^2]; distance of the first pin from the slew axis [m]; place x, z of the inertial sensor
+                 from that pin [m]; fixed step [s]
         counts:  arrays of integers: row, acting, bodies, rigid, slewed, rocker, weight, laws, levers, used, moved, good
         numbers: arrays of numbers: lengths, arm, pins, bars, stops, shapes; coefficients of the filters channel, mean,
                  begun, slope, rest, quick, settled, slow; room for middle, rate, q, qd, turn, level, hinge, riders,
@@ -184,12 +187,13 @@ class KernelSensors:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], most: float, counts: list[Any], areas: list[Any]) -> None:
-        """Set the constants from lists in the order in which `making.sensors` makes them.
+        """Set which signals give the channels of a sample, from lists in the order of `making.sensors`.
 
-        sizes:  n, c, d, tilt_size
-        most:   largest tilt [rad]
-        counts: arrays of integers: turned, pushed, base, tilts
-        areas:  a list of one array: areas
+        sizes:  numbers of joints (n), of cylinders (c), of channels (d) and of signals of tilt
+        most:   largest tilt of the chassis that is used [rad]
+        counts: arrays of numbers of signals, -1: not measured: encoder and inclinometer of each joint; force pin, head
+                and rod pressure of each cylinder; motion of the base; tilts of the chassis
+        areas:  a list of one array: areas of head and rod side [m^2] and fixed rod pressure [Pa] of each cylinder
         """
         self.arrays = (counts, areas)
         self.n, self.c, self.d, self.tilt_size = (sizes[i] for i in range(4))

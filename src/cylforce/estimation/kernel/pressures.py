@@ -165,9 +165,10 @@ def crossed(products: Numbers, bends: Count, a: Count, b: Count) -> Number:
 
 @inner
 def unlikely(squares: Number, noise: Number, free: Number, known: Number) -> Number:
-    """Return minus the log likelihood [nats] of a residual with a variance of its own, but at least the noise.
+    """Return minus the log likelihood [nats] of the residual of a curve through readings; 0 up to the sensor's noise.
 
-    (free + known) / 2 log((known + squares / noise) / (known + free)): Student's t; 0 up to the noise.
+    Its variance is not known, but at least that of the noise (Student's t). The result is
+    (free + known) / 2 log((known + squares / noise) / (known + free)).
 
     squares: sum of squares of the residual [Pa^2]
     noise:   variance of the sensor [Pa^2]
@@ -327,7 +328,7 @@ def update_noise(
         if moved[i] != 0.0:
             noise, since = second_differences(p, readings, 0, size, i), NOISES * p + i  # `since`: place of the number
             gone = 1 if state[since] > 0.0 else 0
-            if gone == 0 and digits(p, readings, size, i) > CODES:
+            if gone == 0 and distinct(p, readings, size, i) > CODES:
                 gone = less_than_known(p, groups, number, size, i, stated[i], tenth, quiet, limits, work, state)
             if gone:
                 state[since] += 1.0
@@ -360,7 +361,7 @@ def second_differences(p: Count, x: Numbers, begin: Count, size: Count, i: Count
 
 
 @inner
-def digits(p: Count, x: Numbers, size: Count, i: Count) -> Count:
+def distinct(p: Count, x: Numbers, size: Count, i: Count) -> Count:
     """Return the number of different values among the readings of a pressure.
 
     p:    P, number of pressures

@@ -158,7 +158,7 @@ def gather_block(
     return gather(s, rows, residual, usable, change, error_torques, signals, memory, gram)
 
 
-def error_torques(
+def torque_per_error(
     p: KernelPlan,
     s: KernelSolver,
     rows: Numbers,
@@ -174,7 +174,7 @@ def error_torques(
     angle_torques: Numbers,
     torques: Numbers,
 ) -> None:
-    """Compute the residual torque by a unit error of each signal: the sensitivity (R, H) to misleading readings.
+    """Compute the residual torque (R, H) that one unit of error of each of H signals causes.
 
     The H = `forces` + `angles` signals are cylinder forces, with a unit of one bar on the head side, then joint angles,
     with a unit of one radian. The sensitivity to an angle is the finite difference of lever and gravity.
@@ -311,7 +311,7 @@ def rock(
     variances: Numbers,
     base_variance: Numbers,
 ) -> None:
-    """Compute the variance that a rocking base adds to each row (measured torque).
+    """Compute the variance that a rocking or braking base adds to each row (measured torque), and estimate its motion.
 
     The first pin's accelerations forwards and upwards are unknown; each has a variance. If `learning`, an estimate of
     an acceleration is made from the torque that the load of a lift does not explain, and its variance moves by a
@@ -388,7 +388,7 @@ def accelerate(
     levers: Numbers,
     variances: Numbers,
 ) -> None:
-    """Update the variances of the first pin's accelerations with one instant.
+    """Update the variances of the base's accelerations, forwards and upwards at the first pin, with one instant.
 
     The accelerations (a, b) that best explain the torque are the weighted least squares of two unknowns, with a prior
     at zero. Each variance moves by a `share` towards the square of its acceleration, less the variance of this

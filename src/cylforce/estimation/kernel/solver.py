@@ -106,9 +106,10 @@ class KernelSolver:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Set the constants from lists in the order in which `solving.solver` makes them.
+        """Set the constants of identified parameters, and room for intermediate results, from lists.
 
-        sizes:   r, k, p, c, d, t, at_rest, tip, coulomb
+        sizes:   numbers of measured torques (r), columns (k), tares (p), cylinders (c), drifts (d) and unknowns at the
+                 tool (t); first columns of friction at rest, of the tool and of Coulomb friction
         limits:  scale, scale_error, relative, gate, break_away, cold, drifted, memory, longest_rest, keep, delay_s,
                  largest, learning, heaviest
         counts:  arrays of integers: changing, load_at, sparse_at, nonzero, nonzeros

@@ -59,8 +59,11 @@ def solver(
     limits: Limits = NO_LIMITS,
     prior: Array | None = None,
 ) -> KernelSolver:
-    """Return the kernel's solver of a model with its tares.
+    """Return the constants of a model and its identified parameters, in the form in which the kernel takes them.
 
+    With them the kernel computes the residual torque, the load and the force at the tool.
+
+    tares:  identified parameters of the empty machine
     kernel: form of the kernel, compiled or interpreted
     limits: of the service
     prior:  (T, T) prior information on the force x, z [1/N^2] and moment [1/(N m)^2] at the tool; T = 3, or 2 without

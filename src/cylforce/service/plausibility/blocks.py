@@ -209,7 +209,7 @@ class BlockConstants(Constants):
         found = ZERO * (self.rows * self.size)
         room = (ZERO * len(self.tares.values), ZERO * (self.rows * len(self.turned)))
         of = (self._columns, len(self.pressed), self._per_bar, self._joints, len(self.turned), TILTED)
-        self.kernel.error_torques(self.plan, self.solver, instant.numbers, channels, load, *of, *room, found)
+        self.kernel.torque_per_error(self.plan, self.solver, instant.numbers, channels, load, *of, *room, found)
         return np.frombuffer(found).reshape(self.rows, -1)
 
     def turned_force(self, channels: Numbers, force: complex) -> Array:
