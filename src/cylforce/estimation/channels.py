@@ -160,8 +160,8 @@ class Channels:
 
     @cached_property
     def unwraps(self) -> bool:
-        """Whether an encoder's slew angle is among the channels."""
-        return (Kind.SLEW_ANGLE, 0) in self._where
+        """Whether the last channel is the slew angle of an encoder: no sensor measures the slew rate, which precedes."""
+        return (Kind.SLEW_ANGLE, 0) in self._where and (Kind.SLEW_RATE, 0) not in self._where
 
     def follow(self, before: Array, channels: "array[float]") -> "array[float]":
         """Return the channels (D,) with the slew angle, the last one, unwrapped to half a turn of the one before.
@@ -254,7 +254,7 @@ class Channels:
     def course(self, values: Array) -> Array:
         """Return the channels (T, D) of a recording (T, S) without gaps, the slew angle unwrapped."""
         channels = self.read(values)
-        if (Kind.SLEW_ANGLE, 0) in self._where:
+        if self.unwraps:
             channels[:, -1] = np.unwrap(channels[:, -1])
         return channels
 
