@@ -72,7 +72,7 @@ def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
 
     theta: (..., N) joint angles [rad]
     """
-    rows = _residual(model, tares, theta)
+    rows = posture_residual(model, tares, theta)
     columns = rows.columns @ model.load
     weight = _weight(model, rows, tares.correlation)
     weighted = np.swapaxes(columns * weight[..., None], -1, -2)
@@ -114,7 +114,7 @@ def _weight(model: Model, rows: Residual, correlation: float) -> Array:
     return np.asarray(np.where(np.isfinite(variance), WEIGHED_S * f.rate_hz / POINTS / variance, 0.0))
 
 
-def _residual(model: Model, tares: Tares, theta: Array) -> Residual:
+def posture_residual(model: Model, tares: Tares, theta: Array) -> Residual:
     """Return the residual of a rated payload at POINTS instants (POINTS, ..., R) about each posture.
 
     The variance is infinite where a row is unusable.

@@ -160,7 +160,7 @@ class Channels:
 
     @cached_property
     def unwraps(self) -> bool:
-        """Whether the last channel is the slew angle of an encoder: no sensor measures the slew rate, which precedes."""
+        """Whether the last channel is an encoder's slew angle; a measured slew rate takes precedence over it."""
         return (Kind.SLEW_ANGLE, 0) in self._where and (Kind.SLEW_RATE, 0) not in self._where
 
     def follow(self, before: Array, channels: "array[float]") -> "array[float]":

@@ -92,7 +92,13 @@ class Taker:
 
 
 class Collector(Station):
-    """Station that passes samples from the bus to the guidance, in a thread so that no tick is delayed."""
+    """Station that passes samples from the bus to the guidance, in a thread so that no tick is delayed.
+
+    taker:     receiver of the samples
+    guide:     that advises which joint to move next
+    collected: last result of the guidance
+    pending:   next result, while the guidance computes it; None: it does not
+    """
 
     def __init__(self, loaded: Loaded, guide: Guide, bus: Bus, log: LogWriter | None) -> None:
         self.taker = Taker(loaded.service)
@@ -101,20 +107,20 @@ class Collector(Station):
         self.collected: Collected = guide.begin()
         self._moved_s = 0.0
         self._pool = ThreadPoolExecutor(1, "guidance")
-        self._thought: Future[Collected] | None = None
+        self.pending: Future[Collected] | None = None
 
     def think(self) -> None:
         """Take the guidance's last result and pass it the samples since then. Raises the guidance's errors."""
-        if self._thought is not None:
-            if not self._thought.done():
+        if self.pending is not None:
+            if not self.pending.done():
                 return
-            self.collected, self._thought = self._thought.result(), None
+            self.collected, self.pending = self.pending.result(), None
         if self.collected.moved_s != self._moved_s and self.taker.sample is not None:
             self._moved_s, self.taker.moved_us = self.collected.moved_s, self.taker.sample.t_us
         if len(self.taker.rows) >= THOUGHT_S * self.service.filters.rate_hz:
             rows, self.taker.rows = np.array(self.taker.rows), []
             longest = int(self.service.health.hold_s * self.service.filters.rate_hz)
-            self._thought = self._pool.submit(self.guide.absorb, self.collected, rows, longest)
+            self.pending = self._pool.submit(self.guide.absorb, self.collected, rows, longest)
 
     def view(self) -> View:
         """Return the present view."""
