@@ -41,7 +41,7 @@ FILES = {  # functions of a file that the service calls
         "turn_force",
         "mass_slopes",
     ),
-    "drifting.py, followed.py": ("certain", "follow"),
+    "drifting.py": ("certain", "follow"),
     "pressures.py": ("suspicious", "certain_steps", "group", "compare", "update_noise"),
 }
 

@@ -9,7 +9,6 @@ from zlib import crc32
 
 from cylforce.estimation.kernel import (
     drifting,
-    followed,
     inputs,
     plan,
     pressures,
@@ -33,7 +32,6 @@ PARTS = (
     "pushed.py",
     "recognised.py",
     "drifting.py",
-    "followed.py",
     "pressures.py",
 )
 COMPILED = "compiled"
@@ -71,8 +69,8 @@ INTERPRETED: Any = SimpleNamespace(
             recognised.gather_block,
             recognised.torque_per_error,
             recognised.rock,
-            followed.certain,
-            followed.follow,
+            drifting.certain,
+            drifting.follow,
             recognised.turn_force,
             recognised.mass_slopes,
             pressures.suspicious,

@@ -250,7 +250,7 @@ class Kernel(Protocol):
         numbers of which `errors` belong to errors of signals, and the prior information on the load. `memory` samples
         count as one. Shapes and units: `recognised.mass_slopes`."""
 
-    # followed.py
+    # drifting.py
     def certain(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
     def follow(
         self,
@@ -271,7 +271,7 @@ class Kernel(Protocol):
 
         Read are the instant's columns and residual torques of the `number` rows that `certain` listed, the variance by
         a rocking base, and from the last update the information (factor, right), drift, scale of its spread, and mass
-        [kg] that the empty bucket would show. `update` is written, with the same parts. Shapes: `followed.follow`."""
+        [kg] that the empty bucket would show. `update` is written, with the same parts. Shapes: `drifting.follow`."""
 
     # pressures.py
     def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...

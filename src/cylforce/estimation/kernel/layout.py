@@ -164,7 +164,7 @@ class ConclusionLayout:
 
 
 class DriftLayout:
-    """Places in an update of D drifts (`followed.follow`), of which the information has N unknowns.
+    """Places in an update of D drifts (`drifting.follow`), of which the information has N unknowns.
 
     factor:     (N, N) triangle R of the information R'R
     right:      (N,) right-hand side beside it
