@@ -196,10 +196,12 @@ def _enlarged(share: Array) -> tuple[Array, Array]:
 
 
 def _pull(data: Factors, values: Array, weight: Array) -> Array:
-    """Return the score A' e of every block (B, K), summed over its weighted rows, less that of the sensors' noise.
+    """Return the score A' e of every block (B, K): the direction in which the block would change the parameters.
 
-    It is the direction in which the block would change the parameters.
+    A are the columns of its weighted rows, e their residuals. The part that the sensors' noise in A causes is
+    subtracted.
 
+    data:   B blocks of rows of R measured torques
     values: (K,) parameters at which the residuals e are computed
     weight: (B, R) factor on the rows of each block
     """
@@ -208,7 +210,11 @@ def _pull(data: Factors, values: Array, weight: Array) -> Array:
 
 
 def _covariance(data: Factors, found: _Round, root: Array) -> Array:
-    """Return the sandwich covariance (K, K), which allows for residuals that are correlated within a block.
+    """Return the sandwich covariance (K, K) of the fitted parameters, valid for residuals correlated within a block.
+
+    data:  B blocks of rows of R measured torques
+    found: last pass of the fit, with the weights of the rows
+    root:  rows (..., K+1) of the prior, with errors of one
 
     It is (A'A - N'N + L'L)^-1 on both sides of the sum of the blocks' squared scores and the prior's information L'L. A
     block attracts the estimate, so that its own residual is too small. Its score is enlarged to the value that it has
@@ -253,8 +259,13 @@ def _trust(data: Factors, values: Array) -> Array:
 
 
 def _scale(triangle: Array, prior: Prior | None) -> Array:
-    """Return the scale of every parameter (K,): the prior's standard error, without a prior the inverse norm of its
-    column."""
+    """Return the scale of every parameter (K,), by which the parameters become comparable.
+
+    It is the prior's standard error, or without a prior the inverse norm of the parameter's column.
+
+    triangle: (K+1, K+1) of the weighted rows
+    prior:    of the parameters; None: none
+    """
     if prior is not None:
         return np.sqrt(np.diag(prior.covariance))
     norm = linalg.norm(triangle[:, :-1], axis=0)
@@ -280,6 +291,7 @@ def _excitation(triangle: Array, scale: Array) -> tuple[Array, Array]:
 def _row_rms(data: Factors, values: Array, trust: Array) -> Array:
     """Return the rms residual (R,) [N m] of each measured torque at parameters `values` (K,), rows set aside included.
 
+    data:  B blocks of rows of R measured torques
     trust: (B, R) weight of each block
     """
     weight = trust**2

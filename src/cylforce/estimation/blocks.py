@@ -253,7 +253,8 @@ def chosen(data: Factors, columns: list[int]) -> Factors:
 def beside(data: Factors, combinations: Array) -> Factors:
     """Return the factors with M more columns, which are linear combinations of the existing ones.
 
-    combinations: (R, K, M) for each measured torque
+    data:         factors of K columns of R measured torques
+    combinations: (R, K, M) coefficients of the new columns, for each measured torque
     """
 
     def wider(triangle: Array) -> Array:
@@ -300,8 +301,11 @@ def of_all(data: Factors) -> Factors:
 
 
 def stacked_triangle(data: Factors, weight: Array) -> Array:
-    """Return the triangle (K+1, K+1) of all blocks and measured torques together, each multiplied by its `weight` (B,
-    R)."""
+    """Return one triangle (K+1, K+1) of the rows of all blocks and measured torques together, for a weighted fit.
+
+    data:   factors of B blocks of R measured torques, of K columns
+    weight: (B, R) factor on the rows of each block
+    """
     if _is_nothing(data.triangle):
         return np.zeros(data.triangle.shape[-2:])
     rows = data.triangle * weight[..., None, None]
@@ -315,8 +319,12 @@ def residual_squares(data: Factors, values: Array) -> Array:
 
 
 def scores(data: Factors, values: Array) -> Array:
-    """Return the scores A' e (B, R, K) of every block, with residuals e = observed - A values.
+    """Return the scores A' e (B, R, K) of every block, with columns A and residuals e = observed - A values.
 
-    A score is the direction in which the block would change the parameters `values` (K,)."""
+    A score is the direction in which the block would change the parameters.
+
+    data:   factors of B blocks of R measured torques
+    values: (K,) parameters
+    """
     left = -data.triangle @ np.append(values, -1.0)
     return np.asarray((np.swapaxes(data.triangle, -1, -2) @ left[..., None])[..., :-1, 0])

@@ -177,7 +177,13 @@ class Channels:
         return channels[:-1] + array("d", [np.unwrap([before[-1], channels[-1]])[1]])
 
     def _force(self, values: Signals, c: int) -> Array | float:
-        """Return the force of cylinder c [N], positive when it pushes, from all signals; 0 where it is not measured."""
+        """Return the force of cylinder c [N], positive when it pushes; 0 where it is not measured.
+
+        It is that of a force pin, or it follows from the pressures of head and rod side and their areas.
+
+        values: of all signals [SI]
+        c:      number of the cylinder
+        """
         pin, head, rod = self.pushed[c]
         if pin is not None:
             return values[pin]
@@ -241,7 +247,10 @@ class Channels:
         return low, np.array([c.length_high - margin for c in self.machine.cylinders])
 
     def usable(self, moving: Motion | Geometry) -> Array:
-        """Return whether each cylinder's force (..., C) can be used: at no dead point and at no end stop."""
+        """Return whether each cylinder's force (..., C) can be used: at no dead point and at no end stop.
+
+        moving: levers [m/rad], lengths [m] and transmissions of the cylinders at one or more instants (...)
+        """
         low, high = self.stops
         lever = np.abs(moving.lever).max(axis=-1)
         clear = (moving.transmission > MIN_TRANSMISSION) & (lever > MIN_LEVER)
@@ -252,15 +261,21 @@ class Channels:
         return self.between(fours(self.smoothed(self.course(values))))
 
     def course(self, values: Array) -> Array:
-        """Return the channels (T, D) of a recording (T, S) without gaps, the slew angle unwrapped."""
+        """Return the channels (T, D) of a recording: joint angles [rad], cylinder forces [N], attitude.
+
+        A slew angle is unwrapped.
+
+        values: (T, S) samples of all signals [SI], without gaps
+        """
         channels = self.read(values)
         if self.unwraps:
             channels[:, -1] = np.unwrap(channels[:, -1])
         return channels
 
     def turning(self, values: Array) -> Array:
-        """Return the rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a recording (T, S)
-        without gaps.
+        """Return the rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a recording.
+
+        values: (T, S) samples of all signals [SI], without gaps
 
         It is the derivative of the pitch less the part that slewing on a slope causes; zero without a pitch sensor."""
         if (Kind.PITCH, 0) not in self._where:

@@ -84,8 +84,13 @@ class Filter:
 
 
 def first_order(cutoff_hz: float, dt: float) -> Filter:
-    """Return L = w/(s + w) by Tustin's rule: y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2
-    (mechanics/README.md, section 5)."""
+    """Return the low-pass of first order L = w/(s + w), w = 2 pi cutoff_hz, by Tustin's rule (mechanics/README.md, 5).
+
+    y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2
+
+    cutoff_hz: -3 dB frequency [Hz]
+    dt:        fixed step [s]
+    """
     a = pi * cutoff_hz * dt
     return Filter((a / (1 + a), a / (1 + a)), (1.0, -(1 - a) / (1 + a)))
 
@@ -125,6 +130,8 @@ def fours(x: Array) -> Array:
 
 def denoised(x: Array, rate_hz: float) -> Array:
     """Return a recording x (T,) without the white noise of its sensor and without delay (Wiener filter, 1949).
+
+    rate_hz: samples per second [Hz]
 
     The noise level is the mean power in the upper half of the frequencies. Each frequency is multiplied by the share of
     its power that is not noise. It is removed when its power does not clearly exceed the noise (NOISE_MARGIN). The mean

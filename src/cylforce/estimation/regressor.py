@@ -101,7 +101,7 @@ def _times(columns: Array, values: Array) -> Array:
 
 
 def _compact(places: list[int]) -> Array | slice:
-    """Return ascending consecutive indices as a slice, any others as an array.
+    """Return the indices `places` as a slice if they are consecutive and ascending, else as an array.
 
     Indexing with a slice is much faster."""
     if places == list(range(places[0], places[0] + len(places))):

@@ -52,12 +52,13 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
 
 
 def _at_rest(model: Model, tares: Tares, rows: Rows) -> Array:
-    """Return the standard error (..., R) [N m] of the torque by friction at rest.
+    """Return the standard error (..., R) [N m] of the measured torques by friction at rest, whose direction is unknown.
 
     The share of each cylinder's lever with friction of unknown direction has an error of its Coulomb friction plus the
     part of friction that grows with the force. That force times the lever is the row's torque.
 
-    rows: columns (..., R, K) and torques (..., R) [N m]
+    tares: identified parameters, Coulomb friction [N] among them
+    rows:  columns (..., R, K) and torques (..., R) [N m]
     """
     unknown = rows.columns[..., model.at_rest]
     share = unknown / np.maximum(np.abs(rows.columns[..., model.coulomb]) + np.abs(unknown), 1e-300)

@@ -70,7 +70,10 @@ class Sensitivity:
         """Return the channels (T', D) of changed samples (T, S) [SI], at the reduced rate.
 
         The channels are joint angles [rad], cylinder forces [N] and attitude of the base.
-        Only the signals that differ from the recording's are filtered and thinned; the others are copied."""
+        Only the signals that differ from the recording's are filtered and thinned; the others are copied.
+
+        values: (T, S) samples of the recording with some signals changed [SI]
+        """
         differs, thinned = _changed(values, self.values), self.thinned.copy()
         thinned[:, differs] = self._thinned(values[:, differs])
         return self.model.channels.course(thinned)
@@ -123,9 +126,13 @@ class Sensitivity:
         return channels.moved(*means).motion
 
     def _difference(self, more: tuple[Machine, Motion], less: tuple[Machine, Motion]) -> Array:
-        """Return the residual (T', R) [N m] of one machine and motion less that of another one.
+        """Return the residual torque (T', R) [N m] of one machine and motion less that of another one.
 
-        Effects that are the same in both are omitted."""
+        Effects that are the same in both are omitted, which saves time.
+
+        more: machine and its motion whose residual is taken
+        less: machine and its motion whose residual is subtracted
+        """
         same = _linked(more[0]) == _linked(less[0])
         alike = [e for e in self.model.empty.effects if same and _alike(e, more[1], less[1])]
         one, two = (self._unfiltered(*each, alike) for each in (more, less))

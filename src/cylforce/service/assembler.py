@@ -196,7 +196,11 @@ class Assembler(Estimator):
             self._take(order.sorts, times, order.layout.unpack(b"".join(parts)), moving)
 
     def _receive_with_unknown(self, frames: Sequence[Frame], moving: Numbers) -> None:
-        """Decode frames some of which are no sensor's; successive frames of sensors are decoded together."""
+        """Decode sensors' frames, as many together as follow each other, and count frames that are no sensor's.
+
+        frames: in the order of their reception
+        moving: (S,) not 0 where an equal value means a frozen sensor
+        """
         begin = 0
         for k, frame in enumerate(frames):
             if frame.can_id not in self.constants.mapped:
@@ -206,7 +210,11 @@ class Assembler(Estimator):
         self.receive(frames[begin:], moving)
 
     def _receive_one_by_one(self, frames: Sequence[Frame], moving: Numbers) -> None:
-        """Decode frames some of which are shorter or longer than their mapping."""
+        """Decode sensors' frames one after the other, because some are shorter or longer than their mapping.
+
+        frames: in the order of their reception
+        moving: (S,) not 0 where an equal value means a frozen sensor
+        """
         for frame in frames:
             pdo = self.constants.mapped[frame.can_id]
             longer = len(frame.data) - pdo.size
@@ -235,7 +243,12 @@ class Assembler(Estimator):
         self.state[layout.unknown] += 1.0
 
     def restart(self, node_id: int) -> None:
-        """Discard the values of a sensor node that booted; its signals are used again after enough good values."""
+        """Discard the values of a sensor node that booted; its signals are used again after enough good values.
+
+        The steps [SI] that its angles made before remain known.
+
+        node_id: of the node
+        """
         constants, layout = self.constants, self.constants.layout
         for number, node in enumerate(constants.service.nodes):
             if node.node_id == node_id:
@@ -315,7 +328,7 @@ class Assembler(Estimator):
         return abs(t_us - self.state[self.constants.layout.foreign_us]) < QUIET_US
 
     def doubled(self, t_us: int) -> tuple[Pdo, ...]:
-        """Return the PDOs that more than one node has sent in the last QUIET_US."""
+        """Return the layouts of the PDOs that more than one node has sent in QUIET_US [us] before the time `t_us`."""
         constants = self.constants
         last = self.state[constants.layout.second_us]
         pdos = constants.supervisor.pdos

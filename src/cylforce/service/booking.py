@@ -191,9 +191,14 @@ class BookingConstants(Constants):
         return sqrt(self.variances(weight, drift, self.tares).total)
 
     def reported_error(self, weight: Weighed, drift: DriftKnowledge, sizes: Array | None) -> float:
-        """Return the reported standard error [kg] of the corrected mass.
+        """Return the reported standard error [kg] of the mass of a weight, corrected by the drift.
 
-        It also contains the error of the common scale of all pressures, and `sizes` (H,), errors of the signals."""
+        Beyond noise, tares, drift and scale it contains the error of the common scale of all pressures.
+
+        weight: at an instant of a lift, with its sensitivities
+        drift:  of friction and zeros, with its covariance
+        sizes:  (H,) probable errors of the signals, which count, too; None: not known
+        """
         return sqrt(self.variances(weight, drift, self.reported, sizes).total)
 
 
@@ -249,7 +254,11 @@ class Bookings(Estimator):
         return cls(constants)
 
     def note_measurement(self, t_us: int) -> None:
-        """Update the time [us] of the last measurement; discard the load after a pause longer than REFILL_S."""
+        """Update the time of the last measurement to `t_us` [us].
+
+        After a pause of more than REFILL_S seconds the load that waits for booking is discarded: the bucket may have
+                                                                                                  been
+        emptied and filled again."""
         if self.measured_us is not None and not 0 <= t_us - self.measured_us <= 1e6 * REFILL_S:
             self.discard_candidate()
         self.measured_us = t_us
@@ -431,6 +440,8 @@ class Bookings(Estimator):
 
 def is_remainder(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
     """Return whether a smaller load `now` is the remainder of the load `before`, which is being dumped.
+
+    drift: of friction and zeros, by which both masses are corrected
 
     The tool has turned by more than REPOSE from the weight `before` to the start of the load `now`, and has not turned
     back. A wheel loader's bucket turns as far in the heap, while it curls; but its loads are weighed after that, with

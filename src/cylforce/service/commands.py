@@ -106,8 +106,11 @@ NO_SCALE = Scale()
 def read(frame: Frame, node_id: int) -> Command | None:
     """Return the command in an SDO download to our node; None for any other frame.
 
-    Commands are expedited downloads of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12 to 15. The SDO server itself
-    refuses a download of another length."""
+    Commands are expedited downloads of 4 bytes to 6125h:1 (zero), 6139h:1 (tare) or 2190h:1 to 5, 12 to 15 (truck,
+    tool). The SDO server itself refuses a download of another length.
+
+    node_id: of our node
+    """
     if frame.can_id != SDO_REQUEST + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
@@ -217,7 +220,11 @@ def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[B
 def stopped(frame: Frame, node_id: int) -> bool | None:
     """Return True for an NMT command that stops our node, False for one that starts or resets it, else None.
 
-    A stopped node answers no SDO, and commands have no effect."""
+    A stopped node answers no SDO, and commands have no effect.
+
+    frame:   any frame; an NMT command has the identifier 0 and two bytes: command, and node id or 0 for all nodes
+    node_id: of our node
+    """
     if frame.can_id != 0 or len(frame.data) != 2 or frame.data[1] not in (0, node_id):
         return None
     return {1: False, 2: True, 128: False, 129: False, 130: False}.get(frame.data[0])

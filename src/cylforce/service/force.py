@@ -18,8 +18,11 @@ CLEAR = 3.0  # times its standard error across: a smaller force has no direction
 def prior(machine: Machine, rated_force: float) -> Array:
     """Return the diagonal prior information (T, T) [1/N^2, 1/(N m)^2] on force x, z and moment at the tool.
 
-    Standard errors are the rated force, and for the moment that of a full payload. T is 3, or 2 (forces only) with
-    fewer than three measured torques."""
+    Prior standard errors are the rated force, and for the moment that of a full payload at its reach. T is 3, or 2
+    (forces only) with fewer than three measured torques.
+
+    rated_force: of the machine at the tool [N]
+    """
     moment = machine.rated_payload * STANDARD_GRAVITY * machine.payload_reach
     known = np.array([rated_force, rated_force, moment])
     return np.diag(known[: 3 if len(machine.rows) > 2 else 2] ** -2.0)

@@ -58,7 +58,11 @@ def publication(
 
 
 def _field(value: PublishedValue, rated: Rated, note: str) -> Field:
-    """Return the field of a PDO that carries a value."""
+    """Return the field of a PDO that carries a published value: its object, type, resolution and range.
+
+    rated: rated payload [kg] and force [N], which determine the range
+    note:  bandwidth and delay of the value, in words
+    """
     low, high = value.limits(rated)
     return Field(
         signal=value.name,
@@ -106,7 +110,10 @@ def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
 
 
 def cob_id(number: int, node_id: int) -> int:
-    """Return the identifier of one of our TPDOs. Raises ValueError for a TPDO that has none.
+    """Return the CAN identifier of one of our TPDOs. Raises ValueError for a TPDO that has none.
+
+    number:  of the TPDO, from 1 on
+    node_id: of our node
 
     The first four have those of CiA 301 for TPDOs. The others use those of RPDOs, of which our node has none."""
     if not 1 <= number <= len(BASES):

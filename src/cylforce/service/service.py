@@ -249,7 +249,7 @@ class WeighingService(Estimator):
         return None
 
     def on_event(self, event: Event) -> Estimate | None:
-        """Handle a frame or a tick, and return the estimate of a tick; None for a frame."""
+        """Handle one event, a frame or a tick; return the estimate of a tick, None for a frame."""
         if isinstance(event, Frame):
             self.on_frame(event)
             return None

@@ -38,7 +38,11 @@ def root_and_gram(known: Array) -> tuple[Root, Array]:
 
 
 def block_diagonal(one: Array, other: Array) -> Array:
-    """Return the covariance (K + L, K + L) of independent parameters from their covariances (K, K) and (L, L)."""
+    """Return the covariance (K + L, K + L) of two independent groups of parameters.
+
+    one:   (K, K) covariance of the first group
+    other: (L, L) covariance of the second group
+    """
     size = len(one)
     both = np.zeros((size + len(other), size + len(other)))
     both[:size, :size], both[size:, size:] = one, other

@@ -272,7 +272,7 @@ class LoadEstimator(Estimator):
         return self._weight(concluded)
 
     def _weight(self, concluded: Numbers) -> Weight:
-        """Return the weight by names, from the kernel's conclusion (`ConclusionLayout`)."""
+        """Return mass [kg] and centre [m] of the load with their errors, from the kernel's array `concluded`."""
         place = self.constants.conclusion
         return Weight(
             mass=concluded[place.mass],

@@ -60,9 +60,10 @@ class Kernel(Protocol):
     ) -> int:
         """Return whether an instant fits the load of a lift: 0 no, 1 yes, 2 yes and a usable row moves.
 
-        Read are the instant's columns and measured torques (`rows`), its residual torques with their variances, the
-        variance by a rocking base, which rows are usable and how long each has rested, the drift of friction and zeros
-        with its covariance, and the lift. `work` is written. Shapes and units: `weighed.gate`."""
+        Read are `rows` (columns, then measured torques [N m]), `residual` (residual torques [N m], their variances),
+        the variance by a rocking base [N^2 m^2] (`base_variance`), which rows are `usable`, the steps for which each
+        has `rested`, the `drift` of friction and zeros with `drift_covariance`, and the state of the `lift`. `work` is
+        written: the rows to be taken. Shapes and units: `weighed.gate`."""
 
     def take(self, s: Solver, rows: Flat, residual: Flat, work: Flat, lift: Flat, /) -> None: ...
     def conclude(self, s: Solver, lift: Flat, drift: Flat, drift_covariance: Flat, conclusion: Flat, /) -> None: ...
@@ -83,8 +84,10 @@ class Kernel(Protocol):
     ) -> int:
         """Update the state of a lift with one instant if it fits, and compute the mass and centre of its load.
 
-        The arguments are those of `gate`, whose result is returned. `lift` is updated; `conclusion` is written: mass
-        [kg], centre [m], their standard errors. Shapes and units: `weighed.weigh_load`."""
+        Arguments and result are those of `gate`: the instant (`rows`, `residual`, `base_variance`, `usable`), the steps
+        for which each row has `rested`, the `drift` with `drift_covariance`. `lift` is updated, `work` is room,
+        `conclusion` is written: mass [kg], centre [m], their standard errors. Shapes and units:
+        `weighed.weigh_load`."""
 
     def without_load(
         self, s: Solver, rows: Flat, residual: Flat, lift: Flat, unexplained: Flat, values: Flat, /
@@ -106,9 +109,10 @@ class Kernel(Protocol):
     ) -> None:
         """Compute the force at the tool [N] at one instant from the residual torques, with its covariance.
 
-        Read are the instant's columns and measured torques (`rows`), which are usable, the load (m, m x, m z, J) in the
-        bucket, the drift of friction and zeros, the torques [N m] by the probable error of each signal, and the errors
-        of the torques before this instant. These errors after it, and the force, are written. Shapes: `pushed.push`."""
+        Read are `rows` (columns and measured torques [N m]), which are `usable`, the `load` in the bucket (m, m x, m z,
+        J), the `drift` of friction and zeros, `signal_torques` [N m] by the probable error of each of `signals`
+        signals, and the errors of the torques before this instant (`noise_before`). These errors after it (`noise`) and
+        the `force` are written. Shapes and units: `pushed.push`."""
 
     def show(
         self,
@@ -122,11 +126,12 @@ class Kernel(Protocol):
         ground: Flat,
         /,
     ) -> None:
-        """Compute the two published forces, resultant at the tool and force of the ground, from a result of `push`.
+        """Compute the two published forces, resultant and force of the ground, from the result `force` of `push`.
 
-        The force of the ground is the resultant less the load (m, m x, m z, J), or less an unknown weight unless
-        `load_known`. `clear` is the ratio of a force to its standard error across, above which its direction is
-        certain. The forces are written: components [N], direction [rad], errors. Shapes: `pushed.show`."""
+        The force of the ground is the resultant less that of the `load` (m, m x, m z, J) with `load_covariance`; unless
+        `load_known`, it is the resultant less the weight of the mass that explains most of it. `clear` is the ratio of
+        a force to its standard error across, above which its direction is certain. `resultant` and `ground` are
+        written: components [N], direction [rad], standard errors. Shapes: `pushed.show`."""
 
     def learn(self, s: Solver, force: Flat, good: Flat, load: Flat, noise: Flat, /) -> None: ...
     def fill(self, covariance: Flat, full: Flat, share: float, result: Flat, /) -> None: ...
@@ -146,9 +151,11 @@ class Kernel(Protocol):
     ) -> int:
         """Add the normal equations of one instant to those of a block of motion, and return the number of rows added.
 
-        A row is the residual torque [N m] of one measured joint; its unknowns are a load, changes of friction and zeros
-        in units of `change`, and an error of each of `signals` signals, which causes `error_torques` [N m per unit].
-        `memory` samples count as one. `gram`, the sums of products, is updated. Shapes: `recognised.gather`."""
+        A row is the residual torque [N m] of one measured joint, if it is `usable` and in motion. Its unknowns are a
+        load, changes of friction and zeros in units of `change`, and an error of each of `signals` signals, which
+        causes `error_torques` [N m per unit]. `rows` are the columns, `residual` the residual torques with their
+        variances; `memory` samples count as one. `gram`, the sums of products, is updated. Shapes:
+        `recognised.gather`."""
 
     def daily_change(
         self, s: Solver, drift_covariance: Flat, stroke_errors: Flat, frictions: int, unknown: float, change: Flat, /
@@ -174,10 +181,11 @@ class Kernel(Protocol):
     ) -> int:
         """Add the normal equations of one instant to those of a block of the plausibility tests, as `gather` does.
 
-        The residual torque is computed here, from columns and torques (`rows`) less the drift of the frictions. The
-        unit of a change of friction or zero follows from `stroke_errors`, of a friction not yet known wider by
-        `unknown`. `residual`, `change` and `friction_drift` are room, `gram` is updated. Shapes:
-        `recognised.gather_block`."""
+        The residual torque is computed here from `rows` (columns and measured torques) less the `drift` of the
+        frictions, the first `frictions` drifts. The unit of a change of friction or zero is its standard error between
+        strokes (`stroke_errors`), of a friction wider by `unknown` as long as `drift_covariance` is large. `usable`,
+        `error_torques`, `signals` and `memory` are those of `gather`. `residual`, `change` and `friction_drift` are
+        room, `gram` is updated. Shapes: `recognised.gather_block`."""
 
     def torque_per_error(
         self,
@@ -199,9 +207,10 @@ class Kernel(Protocol):
     ) -> None:
         """Compute the residual torque (R, H) that one unit of error of each of H signals causes, into `torques`.
 
-        The signals are cylinder forces [bar over the head area] and joint angles [rad], varied by `step` [rad] at the
-        present channels. Read are the columns of the forces and the load in the bucket, too; `values` and
-        `angle_torques` are room. Shapes and units: `recognised.torque_per_error`."""
+        The signals are `forces` cylinder forces [bar over the head area], with `force_columns` among the columns
+        (`rows`) and `per_bar` [N/bar], then `angles` joint angles [rad] of `joints`, varied by `step` [rad] at the
+        present `channels` with the `load` in the bucket. `values` and `angle_torques` are room. Shapes and units:
+        `recognised.torque_per_error`."""
 
     def rock(
         self,
@@ -225,9 +234,10 @@ class Kernel(Protocol):
     ) -> None:
         """Compute the variance [N^2 m^2] that a rocking base adds to each row (measured torque), into `base_variance`.
 
-        While `learning`, the variances of the base's accelerations [m^2/s^4] are updated from the torque that the load
-        of the lift does not explain, unless its misfit is too large; the tilt gives their least value. `unexplained`,
-        `values` and `levers` are room. Shapes and units: `recognised.rock`."""
+        While `learning`, the `variances` of the base's accelerations [m^2/s^4] move by `share` towards what the torque
+        shows that the load of the `lift` does not explain (`rows`, `residual` at these `channels`), unless its misfit
+        exceeds `largest_misfit`. `prior` is the prior information on an acceleration, `tilt_variance` the least
+        variance, from the tilt. `unexplained`, `values` and `levers` are room. Shapes and units: `recognised.rock`."""
 
     def turn_force(
         self, p: Plan, channels: Flat, x: float, z: float, joints: Counts, angles: int, first: int, torques: Flat, /
@@ -246,9 +256,9 @@ class Kernel(Protocol):
     ) -> None:
         """Compute the change of the load's mass [kg] per unit of each signal's error, into `slopes`.
 
-        Read are the sums of products of a lift's ended blocks and of the running block (`gather`), equations of `size`
-        numbers of which `errors` belong to errors of signals, and the prior information on the load. `memory` samples
-        count as one. Shapes and units: `recognised.mass_slopes`."""
+        Read are the sums of products of a lift's ended blocks (`lift_gram`) and of the running block (`block_gram`),
+        equations of `size` numbers of which `errors` belong to errors of signals, and the `prior` information on the
+        load. `memory` samples count as one; `work` is room. Shapes and units: `recognised.mass_slopes`."""
 
     # drifting.py
     def certain(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
@@ -269,9 +279,10 @@ class Kernel(Protocol):
     ) -> None:
         """Update the drift of frictions and pressure zeros with one instant of an empty bucket.
 
-        Read are the instant's columns and residual torques of the `number` rows that `certain` listed, the variance by
-        a rocking base, and from the last update the information (factor, right), drift, scale of its spread, and mass
-        [kg] that the empty bucket would show. `update` is written, with the same parts. Shapes: `drifting.follow`."""
+        Read are the instant's `columns` and `residual` torques of the `number` rows that `certain` listed, the variance
+        by a rocking base (`base_variance`), and from the last update the information (`factor`, `right`), the drift
+        (`values`), the `scale` of its spread, and the `mass` [kg] that the empty bucket would show. `update` is
+        written, with the same parts. Shapes and units: `drifting.follow`."""
 
     # pressures.py
     def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
@@ -296,9 +307,10 @@ class Kernel(Protocol):
     ) -> int:
         """Return whether readings show a step: 1 of one of `p` pressures, 2 by a swap of plugs, 3 either, 0 none.
 
-        Smooth curves through the readings [Pa], with a step after `before` of them and without, are compared by their
-        likelihood with the sensors' noise; the ratio must exceed `least`. `products` and `misfit` are written. Shapes
-        and units: `pressures.certain_steps`."""
+        `bends` smooth `curves` through `size` readings [Pa], with a step after `before` of them and without, are
+        compared by their likelihood: `noise` is the sensors' variance [Pa^2], `free` and `known` are degrees of
+        freedom. The log likelihood ratio must exceed `least`. `pairs` lists `swaps` swaps of at most `most` pairs.
+        `products` and `misfit` are written. Shapes and units: `pressures.certain_steps`."""
 
     def group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
     def compare(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
@@ -318,8 +330,9 @@ class Kernel(Protocol):
         state: Flat,
         /,
     ) -> None:
-        """Update the noise of the pressures whose cylinder `moved`, with one group of `size` readings [Pa].
+        """Update the noise of those of `p` pressures whose cylinder `moved`, with one group of `size` readings [Pa].
 
-        A noise that has become smaller than the limits `quiet`, as shares of the earlier noise, is gone. Read are means
-        and variances of the last groups and the variances of the sensors' data sheets [Pa^2]; `work` is room, `state`
-        (noise of earlier groups, number of groups since it is gone) is updated. Shapes: `pressures.update_noise`."""
+        A noise is gone if it is smaller than the `limits` limits in `quiet`, shares of the earlier noise, whose first
+        decile is `tenth` of it. Read are means and variances of the last `number` `groups` and the `stated` variances
+        of the sensors [Pa^2]. `work` is room, `state` is updated: noise of earlier groups, number of groups since it is
+        gone. Shapes: `pressures.update_noise`."""

@@ -235,6 +235,7 @@ def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
     pause or a step of the clock, the heartbeat of its node is given its whole time once more.
 
     t_us:  at which the frame was received [us]
+    pdo:   number of the PDO
 
     Read and written:
     state: (`layout.InputLayout`) time, surplus and time of a second producer of the PDO; heartbeat time of its node

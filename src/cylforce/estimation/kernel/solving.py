@@ -114,7 +114,9 @@ def listed(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def plain(values: Any) -> Any:  # noqa: ANN401 - an argument of the kernel
-    """Return a NumPy array as a list, a list of the kernel's arrays as lists, and any other argument as it is."""
+    """Return an argument of the kernel for its interpreted form: arrays as lists, which the interpreter reads faster.
+
+    A NumPy array becomes a list, a list of the kernel's arrays a list of lists; any other argument stays as it is."""
     if isinstance(values, np.ndarray):
         return values.ravel().tolist()
     return [each.tolist() for each in values] if isinstance(values, list) else values

@@ -195,5 +195,10 @@ def clearness(force: SolvedForce, late: tuple[float, float]) -> float:
 
 
 def probably(value: float, limit: float, error: float) -> float:
-    """Return the probability that the true value exceeds half the limit, for a normally distributed `error`."""
+    """Return the probability that the true value exceeds half the limit, for a normally distributed error.
+
+    value: measured
+    limit: that the value had to exceed, in the same unit
+    error: standard error of the value, in the same unit
+    """
     return 0.5 * (1.0 + erf((value - limit / 2.0) / (sqrt(2.0) * max(error, 1e-9))))

@@ -157,7 +157,13 @@ class ForceEstimator(Estimator):
         return Forces(c.sensor.force(resultant, acts, late), c.sensor.force(soil, in_contact, late))
 
     def _moving(self, usable: Numbers, speed: Numbers) -> Numbers:
-        """Return for each row (R,) 1 where it is usable and a cylinder of it moves, else 0."""
+        """Return for each row (R,), one measured joint torque, 1 where it is usable and a cylinder of its joint moves.
+
+        It is 0 elsewhere. A cylinder moves above STILL [m/s].
+
+        usable: (R,) 1 where the row can be used, else 0
+        speed:  (C,) of the cylinders [m/s]
+        """
         found = usable[:]
         for row, acting in enumerate(self.constants.acting):
             if not any(abs(speed[c]) > STILL for c in acting):

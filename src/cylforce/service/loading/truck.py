@@ -94,14 +94,14 @@ def _changed(truck: Truck, part: int, by: float) -> Truck:
 
 
 def aimed(truck: Truck, target: float) -> Ruling:
-    """Set the target [kg] of the present part; 0: none."""
+    """Set the target [kg] of the present part of a truck; 0: none. A target out of range is refused."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, target=target), DONE, f"target set to {target:.1f} kg")
 
 
 def trailer_aimed(truck: Truck, target: float) -> Ruling:
-    """Set the target [kg] of the trailer, or of any other next part; 0: none."""
+    """Set the target [kg] of a truck's trailer, or of any other next part; 0: none. One out of range is refused."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, trailer=target), DONE, f"target of the trailer set to {target:.1f} kg")
@@ -114,7 +114,9 @@ def _too_far(truck: Truck, target: float) -> Ruling | None:
 
 
 def next_part(truck: Truck) -> Ruling:
-    """Begin the next part, with its own target and sum: the trailer, or the remaining space for another product."""
+    """Begin the next part of a truck, with its own target and sum: the trailer, or the space for another product.
+
+    Its target is that which was set for the trailer [kg]."""
     first = truck.target if truck.part == 1 else truck.first
     after = replace(truck, part=truck.part + 1, in_part=0.0, first=first, target=truck.trailer)
     return Ruling(
@@ -123,7 +125,7 @@ def next_part(truck: Truck) -> Ruling:
 
 
 def of_product(truck: Truck, product: int) -> Ruling:
-    """Set the product, from the next bucket on."""
+    """Set the number of a truck's product, 0 (none) to 65535, from the next bucket on."""
     if not 0 <= product < 1 << 16:
         return Ruling(truck, TOO_FAR, f"product refused: {product} is not 0 (none) to 65535")
     return Ruling(replace(truck, product=product), DONE, f"product {product} from the next bucket on")
@@ -137,7 +139,13 @@ def next_truck(truck: Truck) -> Ruling:
 
 
 def judged(truck: Truck, number: int, accepted: bool) -> Ruling:
-    """Cancel bucket `number` of this truck, or accept it again; a repeated command has no further effect."""
+    """Cancel a bucket of a truck, whose mass then does not count, or accept it again.
+
+    A repeated command has no further effect. A bucket that is not among the last KEPT ones is refused.
+
+    number:   of the bucket's booking
+    accepted: whether it is accepted; else cancelled
+    """
     what = "accepted" if accepted else "cancelled"
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:

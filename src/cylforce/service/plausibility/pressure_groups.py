@@ -51,7 +51,7 @@ def pressures(machine: Machine) -> list[int]:
 
 
 def picker(machine: Machine) -> Callable[[Numbers], Numbers]:
-    """Return a function that selects the pressures (P,) of all signals (S,)."""
+    """Return a function that selects a machine's P pressures from the values (S,) of all its signals."""
     signals = pressures(machine)
     if len(signals) > 1:
         pick = itemgetter(*signals)

@@ -112,6 +112,10 @@ class Reversals(Estimator):
     def _dry_friction(self, c: int, values: Numbers, drift: DriftKnowledge) -> tuple[float, float]:
         """Return the largest dry friction of a cylinder at its present force [N], and its standard error [N].
 
+        c:      number of the cylinder
+        values: (S,) of all signals [SI], which give the force
+        drift:  of friction and zeros, added to the identified friction
+
         The Stribeck part counts as positive: its law is known no better than its size, so that a reversal may increase
         friction by it."""
         laws, tares, model = self.constants.laws[c], self.constants.tares, self.constants.model
@@ -126,7 +130,11 @@ class Reversals(Estimator):
         return float(row @ tares.values + drift.values[adapted]), sqrt(variance)
 
     def _force(self, c: int, values: Numbers) -> float:
-        """Return the force of a cylinder's oil [N]."""
+        """Return the force of a cylinder's oil [N], positive when it pushes: pressures times areas.
+
+        c:      number of the cylinder
+        values: (S,) of all signals [SI]
+        """
         machine = self.constants.model.machine
         cylinder = machine.cylinders[c]
         outward = {Kind.HEAD_PRESSURE: cylinder.area_head, Kind.ROD_PRESSURE: -cylinder.area_rod}

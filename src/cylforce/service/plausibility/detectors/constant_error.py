@@ -67,7 +67,13 @@ class VoteConstants(Constants):
     """
 
     def __init__(self, machine: MonitoredMachine) -> None:
-        """Compute the limits of the evidence from the rate of false alarms, and the largest errors that are tried."""
+        """Compute the limits of the evidence from the allowed false alarms per hour, and the largest errors to try.
+
+        The errors are those of cylinder forces [bar over the head area] and joint angles [rad]. Each signal is tested
+        once a second.
+
+        machine: constants of the machine, with those of its blocks of motion
+        """
         blocks = self.blocks = machine.blocks
         tests = 3600.0 * blocks.size
         self.limits = {level: NormalDist().inv_cdf(0.5 * rate / tests) ** 2 for level, rate in FALSE_PER_HOUR.items()}
@@ -190,7 +196,7 @@ class ConstantError(Detector):
             self.blocks, self.offset = no_blocks(self.constants.blocks.size), NO_OFFSET
 
     def on_sample(self, features: Features) -> None:
-        """Append a block that has ended, and update the most likely error."""
+        """Append a block of motion that has ended at this sample, and update the most likely constant error."""
         if features.blocks.block is not None:
             self.blocks = self.blocks.followed_by(features.blocks.block, KEPT)
             self.offset = self.constants.likeliest(self.blocks)

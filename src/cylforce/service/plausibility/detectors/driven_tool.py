@@ -51,7 +51,10 @@ class DrivenConstants(Constants):
     """
 
     def __init__(self, monitored: MonitoredMachine) -> None:
-        """Compute the limits of the driving force, the reach of each joint, and the pressures that act on it."""
+        """Compute the smallest driving force that counts [N], the reach of each joint [m], and its pressures.
+
+        monitored: constants of the machine, with the rated force [N]
+        """
         model = monitored.model
         machine = self.machine = model.machine
         self.seconds, self.least = EVERY / model.filters.rate_hz, LEAST * monitored.rated_force

@@ -64,7 +64,10 @@ class EmptyConstants(Constants):
     """
 
     def __init__(self, monitored: MonitoredMachine) -> None:
-        """Compute the limits of a possible weight of the empty bucket."""
+        """Compute the limits of a possible weight: rated payload [kg], reach of a load [m], duration of a fault.
+
+        monitored: constants of the machine
+        """
         machine, self.tares = monitored.model.machine, monitored.tares.covariance
         self.rated, self.reach = machine.rated_payload, FARTHEST * machine.payload_reach
         self.later = LATER_S * monitored.model.filters.rate_hz
@@ -96,7 +99,7 @@ class EmptyBucket(Detector):
         return self.wrong_since != NEVER
 
     def on_sample(self, features: Features) -> None:
-        """Update the fault with the weight of a sample, and suspect all signals while there is one."""
+        """Update the fault with the gross weight and lift of a sample, and suspect all signals while there is one."""
         now = features.now
         self.take(now.gross, now.lift, now.drift)
         if self.fault is SensorFault.NONE:

@@ -14,7 +14,12 @@ VACUUM = -1e5 - NOTHING  # Pa: least possible reading, vacuum less a sensor's er
 
 
 def fallen(features: Features) -> Array | None:
-    """Return the last readings (T, P) [Pa], T > 2 FALL_STEPS, if a pressure is below NOTHING; else None."""
+    """Return the last T readings of P pressures (T, P) [Pa] if one of them is below NOTHING [Pa] now; else None.
+
+    It is None, too, for no more than 2 FALL_STEPS readings.
+
+    features: of the step, with the statistics of the pressures
+    """
     groups = features.groups
     if groups.lowest >= NOTHING:
         return None

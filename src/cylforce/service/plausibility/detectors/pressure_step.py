@@ -81,6 +81,7 @@ class StepTest:
     def __init__(self, machine: Machine, rate_hz: float, kernel: Kernel | None = None) -> None:
         """Compute the curves, the possible swaps, and the log likelihood ratio of one false alarm in HOURS.
 
+        machine: whose pressures are tested, with their standard errors and ranges
         rate_hz: steps per second [Hz]
         kernel:  form of the kernel; None: the compiled one if there is one
         """
@@ -191,9 +192,13 @@ class StepTest:
         return np.asarray(0.5 * FREE * np.log(np.maximum(squared / (FREE * noise), 1.0)))
 
     def _crossed(self, window: Array) -> Array:
-        """Return the squared residuals (P, P) [Pa^2] of curves through two pressures.
+        """Return the squared residuals (P, P) [Pa^2] of smooth curves through the readings of two pressures each.
 
-        Element (a, b) is that of a curve through the first readings of a and the last readings of b."""
+        Element (a, b) is that of a curve through the first readings of a and the last readings of b: small if the plugs
+        of a and b were swapped.
+
+        window: (WINDOW, P) last readings [Pa]
+        """
         curves, first, last = self.curves[:, :-1], window[:BEFORE], window[BEFORE:]
         one, other = curves[:BEFORE].T @ first, curves[BEFORE:].T @ last
         squares = (first**2).sum(axis=0)[:, None] + (last**2).sum(axis=0)
@@ -255,7 +260,10 @@ class StepConstants(Constants):
     """
 
     def __init__(self, machine: MonitoredMachine) -> None:
-        """Compute the constants of the test, and of the motion that confirms or refutes a step."""
+        """Compute the constants of the test, and of the motion that confirms or refutes a step.
+
+        machine: constants of the machine
+        """
         model, self.blocks = machine.model, machine.blocks
         self.test = StepTest(model.machine, model.filters.rate_hz)
         self.reversals = ReversalConstants(model, machine.tares, AFTER * self.test.every)
@@ -324,9 +332,12 @@ class PressureStep(Detector):
         )
 
     def interrupt(self, why: Interruption) -> None:
-        """Discard the readings, because the filters begin anew.
+        """Discard the readings, because the filters begin anew after an interruption.
 
-        Pressures that were outside their range are suspected, unless there is a suspicion already."""
+        Pressures that were outside their range are suspected, unless there is a suspicion already.
+
+        why: cause of the interruption, with the numbers of the signals outside their range
+        """
         self._forget_readings()
         self.steps = self.since = 0
         self.reversals.clear()

@@ -35,7 +35,10 @@ class SweptConstants(Constants):
     """
 
     def __init__(self, monitored: MonitoredMachine) -> None:
-        """Collect the kinds of the signals, and the pressures that are suspected."""
+        """Collect the kinds of the signals, which show how slewing is measured, and the pressures to suspect.
+
+        monitored: constants of the machine
+        """
         machine = monitored.model.machine
         self.measured, self.rate_hz = {s.kind for s in machine.signals}, monitored.model.filters.rate_hz
         self.pressures = tuple(pressures(machine))
@@ -72,7 +75,7 @@ class SweptTool(Detector):
         self.running = 0.0
 
     def on_sample(self, features: Features) -> None:
-        """Update the report with the slewing of a sample, and with a block that ends at it."""
+        """Update the angle of slewing that no load explains with a sample, and suspect all pressures by its size."""
         self.slew(features.now.pipeline.smooth)
         if features.blocks.ended:
             self.end_block(features.blocks.explained)
