@@ -69,8 +69,8 @@ class Sensitivity:
     def _channels(self, values: Array) -> Array:
         """Return the channels (T', D) of changed samples (T, S) [SI], at the reduced rate.
 
-        The channels are joint angles [rad], cylinder forces [N] and attitude of the base.
-        Only the signals that differ from the recording's are filtered and thinned; the others are copied.
+        The channels are joint angles [rad], cylinder forces [N] and attitude of the base. Only the signals that differ
+        from the recording's are filtered and thinned; the others are copied.
 
         values: (T, S) samples of the recording with some signals changed [SI]
         """

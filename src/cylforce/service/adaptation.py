@@ -185,10 +185,11 @@ class DriftFilter(Estimator):
 
     @classmethod
     def start(cls, constants: DriftConstants) -> Self:
-        """Return the state without drift, with its prior standard errors.
+        """Return the state before any return: no drift of friction and zeros, with its prior standard errors.
 
-        The information (5 + D unknowns) begins with the prior of the deviation of the load from the usual one (4); the
-        priors of usual amount and drift are added by the kernel, so that they do not fade."""
+        The information on the 5 + D unknowns begins with the prior of the carry-back's deviation from the usual one, as
+        a load (4). The priors of the usual carry-back (1) and of the drift (D) are added by the kernel at each update,
+        so that they do not fade."""
         drift = np.zeros_like(constants.spread)
         information = np.diag(np.concatenate([1.0 / constants.deviation, [0.0], drift]))
         return cls(

@@ -256,9 +256,8 @@ class Bookings(Estimator):
     def note_measurement(self, t_us: int) -> None:
         """Update the time of the last measurement to `t_us` [us].
 
-        After a pause of more than REFILL_S seconds the load that waits for booking is discarded: the bucket may have
-                                                                                                  been
-        emptied and filled again."""
+        After a pause of more than REFILL_S seconds the load that waits for booking is discarded, because the bucket may
+        have been emptied and filled again."""
         if self.measured_us is not None and not 0 <= t_us - self.measured_us <= 1e6 * REFILL_S:
             self.discard_candidate()
         self.measured_us = t_us

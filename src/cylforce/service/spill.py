@@ -76,14 +76,14 @@ def _pairs(marks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def change(before: Array, since: Array, others: Array) -> tuple[Array, Array]:
-    """Return the change of the mass and its standard error (...,) [kg], for a load whose centre stays.
+    """Return by how much the mass of a load changed between two times, and the standard error of that (...,) [kg].
 
-    The error is infinite where the rows after the change do not depend on the mass.
+    The centre of the load stays. The error is infinite where the rows after the change do not depend on the mass.
 
     With x the load before, of mass m, and a = x/m, rows r = A x + A a delta after the change give
     delta = a'(eta - Lambda x) / a' Lambda a. x has the errors of its own information.
 
-    before: (..., 4, 5 + K) information before the change
+    before: (..., 4, 5 + K) information on the load (m, m x, m z, J) before the change: matrix, right-hand side, gram
     since:  (..., 4, 5 + K) information after the change, [Lambda | eta | gram]
     others: (K, K) covariance of the other parameters, whose errors change the mass with the motion
     """

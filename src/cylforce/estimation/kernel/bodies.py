@@ -80,7 +80,7 @@ def set_links(p: KernelPlan, pitch: Number, turning: Number) -> None:
 
 @inner
 def ride(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> None:
-    """Set a rider to a point that is fixed to a body.
+    """Compute the motion of a point that is fixed to a body, as a rider: place, velocity, derivatives by the angles.
 
     number: of the rider
     body:   0 the house, then the links
@@ -111,7 +111,7 @@ def ride(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> Non
 
 @inner
 def swing(p: KernelPlan, c: Count) -> Number:
-    """Set the riders END, the rocker's end, and EYE of the four-bar of cylinder c, and return its transmission.
+    """Compute the motion of the four-bar of cylinder c (riders END, its rocker, and EYE), and return its transmission.
 
     The transmission is the sine of the angle between rocker and connecting link; 0 at a dead point, -1 where the
     linkage cannot be closed. The connecting link keeps its length: bar . (d base / d angle) = sine spin, with base from
@@ -159,7 +159,7 @@ def swing(p: KernelPlan, c: Count) -> Number:
 
 @inner
 def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Number) -> None:
-    """Complete rider END with the time derivative of the derivatives of its place.
+    """Compute how fast the derivatives of the rocker's end (rider END) by the joints' angles change [m/(rad s)].
 
     The rocker's spin, the derivative of its angle by each joint's, has the rate `gain` by the time derivative of bar .
     (d base / d angle) = sine spin.
@@ -191,9 +191,10 @@ def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Num
 
 @inner
 def between(p: KernelPlan, x: Number, z: Number) -> None:
-    """Set rider EYE to a point of the rocker: PIN plus (x + i z) times the vector from PIN to END.
+    """Compute the motion of the pin of a cylinder's rod (rider EYE), which is fixed to the rocker of a four-bar.
 
-    All its numbers follow that law, place, velocity and derivatives.
+    It is at PIN plus (x + i z) times the vector from PIN to END, the rocker's ends. Place, velocity and the derivatives
+    by the joints' angles all follow that law.
 
     x, z: place of the eye along and across the rocker, in units of its length
 
@@ -210,10 +211,11 @@ def between(p: KernelPlan, x: Number, z: Number) -> None:
 
 @inner
 def stretch(p: KernelPlan, c: Count) -> Count:
-    """Compute the motion of cylinder c, its lever and its speed, and return 1 if its linkage can be closed, else 0.
+    """Compute lever [m/rad] and speed [m/s] of cylinder c from the motion of its pins.
 
-    The lever is the derivative of the length by each joint's angle. Lever and speed are zero where the force is not
-    used: at a dead point of the linkage or at an end stop.
+    Return 1 if its linkage can be closed in this posture, else 0. The lever is the derivative of the length by each
+    joint's angle. Lever and speed are zero where the force is not used: at a dead point of the linkage or at an end
+    stop.
 
     Read: motion of the links (`set_links`), `p.rate` [rad/s], `p.bodies`, `p.pins` (C, 6) [m], `p.stops` (C, 2) [m]
 
@@ -254,7 +256,7 @@ def stretch(p: KernelPlan, c: Count) -> Count:
 
 @inner
 def follow_line(p: KernelPlan, distance: Number) -> None:
-    """Set rider MIDDLE to the point of the cylinder on the line from FOOT to EYE, at a fixed distance from the foot.
+    """Compute the motion of a point of the cylinder's barrel (rider MIDDLE), on the line from FOOT to EYE.
 
     distance: from the foot [m]
 

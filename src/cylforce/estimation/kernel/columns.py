@@ -183,7 +183,10 @@ def weigh(p: KernelPlan, column: Count, near: Count, far: Count, length: Number,
 
 @inner
 def without_weight(p: KernelPlan, column: Count) -> None:
-    """Set the column of a bar's weight to zero in `p.momentum` and `p.static`, where its linkage cannot be closed."""
+    """Set the column of a bar's weight to zero in `p.momentum` and `p.static` (R, K): its linkage cannot be closed.
+
+    column: number of the parameter
+    """
     for j in range(p.n):
         put(p, p.momentum, j, column, 0.0)
         put(p, p.static, j, column, 0.0)

@@ -351,7 +351,9 @@ def less_along(a: KernelDrift, m: Count) -> None:
 
 @inner
 def rotate_row(a: KernelDrift, update: Numbers, observed: Number) -> None:
-    """Update a least-squares triangle with one more row, by Givens' rotations.
+    """Add one more equation, row @ unknowns = observed, to the information of least squares, by Givens' rotations.
+
+    The information is the triangle R of R'R and its right-hand side.
 
     observed: right-hand side of the row, over its standard error
 

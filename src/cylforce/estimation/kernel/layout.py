@@ -87,9 +87,8 @@ class RowLayout:
         """Compute the places of the parts in the rows of a step, for a machine of these sizes.
 
         The parts follow one another: columns (R, K) and torques (R,) for the weighing; columns and torques of the
-                                      instant
-        for the force; time derivative (R, K) of the columns; reversing cylinders (C,) and their levers (C, R); place
-        and velocity (2,) of the tool; usable rows (R,); speed (C,) of the cylinders."""
+        instant, for the force; time derivative (R, K) of the columns; reversing cylinders (C,) and their levers (C, R);
+        place and velocity (2,) of the tool; usable rows (R,); speed (C,) of the cylinders."""
         r, k, c = sizes.rows, sizes.columns, sizes.cylinders
         self.shape = (r, k)
         ends = np.cumsum([0, r * k, r, r * k, r, r * k, c, c * r, 2, 2, r, c]).tolist()
@@ -178,10 +177,9 @@ class DriftLayout:
     def __init__(self, drifts: int) -> None:
         """Compute the places of the parts of the adaptation's result, for D `drifts` of friction and pressure zeros.
 
-        The parts follow one another in one array: triangle (N, N) and right-hand side (N,) of the information on N = 5
-                                                   +
-        D unknowns, drift (D,), its covariance (D, D), its scale (2,), and the mass. The unknowns are the carry-back of
-        this return less the usual one, as a load (4), the usual carry-back (1), and the drifts (D)."""
+        The parts follow one another in one array: triangle (N, N) and right-hand side (N,) of the information on N
+        unknowns, drift (D,), its covariance (D, D), its scale (2,), and the mass. The N = 5 + D unknowns are the
+        carry-back of this return less the usual one, as a load (4), the usual carry-back (1), and the drifts (D)."""
         n, d = DRIFT + drifts, drifts
         ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
         self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])
@@ -220,9 +218,8 @@ class SampleLayout:
     def __init__(self, signals: int) -> None:
         """Compute the places of the parts in the sample of a tick, for S `signals`.
 
-        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason why one is late, number
-                                      of
-        stepped signals."""
+        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason why one of them is late,
+        number of stepped signals."""
         self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
         self.late, self.stepped = 2 * signals, 2 * signals + 1
         self.size = 2 * signals + 2

@@ -70,7 +70,11 @@ def plan(model: Model, kind: Callable[..., KernelPlan]) -> KernelPlan:
 
 
 def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Numbers]]:
-    """Return the four arguments of `KernelPlan`: sizes, physics, arrays of integers, arrays of numbers."""
+    """Return a machine's geometry, columns and filters as the four arguments of the kernel's class `KernelPlan`.
+
+    They are: numbers of joints, cylinders, measured torques, columns, channels and laws, and flags; gravity [m/s^2],
+    places [m] and fixed step [s]; arrays of integers (numbers of rows, cylinders, bodies and columns); arrays of
+    numbers (lengths, pins, bars, stops [m], constants of the laws, coefficients of the filters, room for results)."""
     machine, table = model.machine, _Table(model)
     n, c, r = machine.size, len(machine.cylinders), len(machine.rows)
     k, d = len(table.names), n + c + (6 if model.channels.inertial else 3)

@@ -288,7 +288,7 @@ def torque_covariance(s: KernelSolver, force: Numbers, noise: Numbers) -> None:
     Read:
     force: (`layout.ForceLayout`) residual torque (R,) [N m], variance of friction of unknown sign (R,) [N^2 m^2]
     noise: covariance of the delayed torque of inertia (R, R), reversing (C,), learned variance (R,) [N^2 m^2]
-    `s.tare_columns` of the instant
+    `s.tare_columns` (R, P), torques per unit of each of P tares (identified parameters), with covariance `s.covariance`
 
     Written: the lower triangle (R, R) of `s.matrix` [N^2 m^2]
     """

@@ -41,7 +41,7 @@ class BaseConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
-        """Compute the constants of the base's motion; times in seconds become numbers of steps.
+        """Compute the constants for estimating the acceleration of a rocking base; times become numbers of steps.
 
         The second difference of three mean pitches has 1 + 4 + 1 = 6 times the variance of one of them, which is that
         of the sensor over the number of steps.

@@ -141,8 +141,8 @@ class DrivenTool(Detector):
     def on_sample(self, features: Features) -> None:
         """Update the driven path with the forces of a sample, and the suspicion by its length.
 
-        The pressures of the joint with the largest residual torque over its reach, summed along the path, are
-        suspected.
+        The pressures of the joint with the largest residual torque over its reach, summed along the path, are the
+        suspected ones. A force that a weighed load explains is no driving force.
         """
         now = features.now
         soil = now.forces.soil if now.weighed else None
