@@ -348,7 +348,7 @@ def test_both_forms_give_the_same_bits(monkeypatch):
 
 
 def test_a_kernel_of_another_source_is_refused_with_a_sentence():
-    found = choice.judged(SimpleNamespace(TEXT=1), 2)
+    found = choice.matching(SimpleNamespace(TEXT=1), 2)
     assert found.kernel is choice.INTERPRETED
     assert re.fullmatch(
         r"the compiled kernel was not taken, the interpreted one runs: .*another version.*", found.refused

@@ -68,10 +68,10 @@ def upper(rows: Array) -> Array:
 
 
 def factors(columns: Array, observed: Array, mark: Array, block: int) -> Factors:
-    """Return the factors of a stretch whose columns have no noise.
+    """Return the triangular factors of a stretch of a recording whose columns have no noise, cut into blocks.
 
-    columns:  (T, R, K)
-    observed: (T, R); NaN where not usable
+    columns:  (T, R, K) of R measured torques
+    observed: (T, R) what the columns explain; NaN where not usable
     mark:     (T, M) further quantities
     block:    samples per block
     """

@@ -118,7 +118,12 @@ class AssemblerConstants(Constants):
         return FrameOrder(sorts, [pdo.size for pdo in found], Struct("<" + "".join(formats)))
 
     def _plan(self) -> KernelInputs:
-        """Return the kernel's constants of all signals and PDOs: places, scales, ranges and limits of plausibility."""
+        """Return the constants of all signals and PDOs in the form that the kernel takes.
+
+        They are, of each field that carries a signal: its place, scale, range [SI] and the raw value for "no value"; of
+        each PDO: its shortest period and the patience with its node [us]; of each signal: its fastest change [SI/s],
+        period [s], noise [SI], age above which it is late [us], and the turn after which it repeats [rad]; the limits
+        of the machine file."""
         machine, health, watcher = self.service.machine, self.service.health, self.supervisor
         found = [self.decoders[pdo.can_id] for _, pdo in watcher.pdos]
         slots = [slot for decoder in found for slot in decoder.slots]

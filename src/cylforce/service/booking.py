@@ -57,8 +57,9 @@ class Weighed:
 
 
 def weighed(lift: Lift, parameters: int, tilt: float | None, slopes: Array | None) -> Weighed:
-    """Return the present weight of a lift.
+    """Return the present weight of a lift [kg] with its sensitivities to tares, drift and errors of signals.
 
+    lift:       recursive estimate of the load
     parameters: P, number of tares
     tilt:       present angle of the tool to the house [rad]; None where the tool empties without tilting
     slopes:     (H,) change of the mass per unit of an undetected error of each signal; None: not known
@@ -170,7 +171,7 @@ class BookingConstants(Constants):
         self.reported = tares._replace(scale_error=tares.reported_scale_error)
 
     def variances(self, weight: Weighed, drift: DriftKnowledge, tares: Tares, sizes: Array | None = None) -> Variances:
-        """Return the parts of the variance of the corrected mass.
+        """Return the parts of the variance [kg^2] of the mass of a weight, corrected by the drift.
 
         weight: at an instant of a lift
         drift:  of friction and zeros
@@ -267,15 +268,17 @@ class Bookings(Estimator):
         self.newest = self.dumped = None
 
     def change_load(self) -> None:
-        """Handle a change of the load in the air, as by a spill: the next weight replaces the candidate.
+        """Handle a change of the load in the air, as by a spill: the next weight is to be booked instead.
 
-        For that the candidate's number of samples in motion becomes 0."""
+        For that the number of samples in motion of the candidate, the weight that waits for booking, becomes 0."""
         self.end_lift()
         if self.candidate is not None:
             self.candidate = replace(self.candidate, moving=0)
 
     def discard_candidate(self) -> None:
-        """Report the candidate as missed, because the bucket may have been emptied and filled again unobserved."""
+        """Discard the candidate, the weight that waits for booking, and report it as missed.
+
+        The bucket may have been emptied and filled again unobserved."""
         if self.candidate is not None:
             self._miss(self.candidate.mass, MissedReason.INTERRUPTED)
         self.newest = self.candidate = self.dumped = None

@@ -12,13 +12,13 @@ from cylforce.service.loading.truck import (
     TOO_FAR,
     Ruling,
     Truck,
-    aimed,
-    judged,
-    loaded,
+    add_bucket,
     next_part,
     next_truck,
-    of_product,
-    trailer_aimed,
+    set_accepted,
+    set_product,
+    set_target,
+    set_trailer_target,
 )
 from cylforce.signals.estimate import Booking, Quantity, Status
 from cylforce.signals.events import Frame
@@ -162,13 +162,13 @@ def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
     the word `next`."""
     number = int.from_bytes(command.data, "little", signed=command.sub in (TARGET, TRAILER))
     if command.sub == TARGET:
-        return aimed(truck, KG * number)
+        return set_target(truck, KG * number)
     if command.sub == TRAILER:
-        return trailer_aimed(truck, KG * number)
+        return set_trailer_target(truck, KG * number)
     if command.sub == PRODUCT:
-        return of_product(truck, number)
+        return set_product(truck, number)
     if command.sub in (CANCEL, ACCEPT):
-        return judged(truck, number, command.sub == ACCEPT)
+        return set_accepted(truck, number, command.sub == ACCEPT)
     if command.data == NEXT_WORD:
         return next_truck(truck) if command.sub == NEXT else next_part(truck)
     what = "truck" if command.sub == NEXT else "part"
@@ -214,7 +214,7 @@ def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[B
         dumped_error=0.0,
         by_hand=True,
     )
-    return made, Ruling(loaded(truck, made, 0.0), DONE, f"booking {number} by hand: {mass:.1f} kg")
+    return made, Ruling(add_bucket(truck, made, 0.0), DONE, f"booking {number} by hand: {mass:.1f} kg")
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:

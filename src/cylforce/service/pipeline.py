@@ -190,7 +190,9 @@ class Pipeline(Estimator):
         self.steps, self.state = 0, array("d", numbers.tobytes())
 
     def update(self, channels: Numbers, periods: int = 1) -> Instant:
-        """Advance the filters, and return the rows of the present step.
+        """Advance the filters by one sample, and return the rows of the present step.
+
+        The rows are the measured joint torques [N m] and the columns that explain them, both filtered.
 
         `begin` must have been called. Missing steps are filled by linear interpolation. The slew angle, where it is the
         last channel, is unwrapped; no other channel is.

@@ -34,7 +34,7 @@ def publication(
     force_period_s: float | None = None,
     filters: Filters | None = None,
 ) -> tuple[Pdo, ...]:
-    """Return the TPDOs of our node.
+    """Return the layouts of our node's TPDOs: which published value each of their bytes carries, and how often.
 
     A quality byte is status (bits 0-1) + 4 * reason (bits 2-7).
 
@@ -179,7 +179,7 @@ class Encoder(NamedTuple):
 
 
 def encoder(table: tuple[Pdo, ...]) -> Encoder:
-    """Return the encoder of the TPDOs in `table`."""
+    """Return the encoder that turns an estimate into the data of the TPDOs in `table`, which are sent together."""
     layouts = tuple(layout(pdo) for pdo in table)
     fields = [field for of in layouts for field in of.fields]
     known = all(field.fits for field in fields)

@@ -18,7 +18,7 @@ from cylforce.service.contact.rocking import BaseFilter
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle
 from cylforce.service.loading.lift import Weight
-from cylforce.service.loading.truck import NO_TRUCK, Truck, loaded, refined
+from cylforce.service.loading.truck import NO_TRUCK, Truck, add_bucket, correct_bucket
 from cylforce.service.memory import NOTHING_KEPT, Memory
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.plausibility.monitor import Monitor
@@ -488,9 +488,9 @@ class WeighingService(Estimator):
         if booking is None or booking is before:
             return
         if before is not None and not is_new(booking, before):
-            self.truck = refined(self.truck, booking.number, booking.dumped - before.dumped)
+            self.truck = correct_bucket(self.truck, booking.number, booking.dumped - before.dumped)
             return
-        self.truck = loaded(self.truck, booking, self.scale.tare)
+        self.truck = add_bucket(self.truck, booking, self.scale.tare)
         self.ended, self.cycle = self.cycle, Cycle(self.estimate.t_us)
 
     def _estimate(self, load: Load, forces: Forces, t_us: int) -> Estimate:

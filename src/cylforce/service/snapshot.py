@@ -29,7 +29,10 @@ class Estimator:
         return {name: _copied(getattr(self, name)) for name in kinds(type(self))}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Replace the state by a copy of a `snapshot`."""
+        """Replace the state by a copy of a `snapshot`.
+
+        state: value of each field, by its name; of a field that is an estimator, that estimator's own snapshot
+        """
         for name in kinds(type(self)):
             now = getattr(self, name)
             if isinstance(now, Estimator):

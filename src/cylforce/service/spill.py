@@ -29,7 +29,9 @@ def information(root: Root, gram: Array) -> Array:
 
 
 def root_and_gram(known: Array) -> tuple[Root, Array]:
-    """Return root and gram (4, K) of `known` (4, 5 + K), the inverse of `information`.
+    """Return root and gram (4, K) of the information on a load side by side: the inverse of `information`.
+
+    known: (4, 5 + K) information matrix R'R (4, 4), right-hand side R'z (4,) and gram (4, K)
 
     Raises numpy.linalg.LinAlgError where it is not of full rank."""
     lower = np.asarray(np.linalg.cholesky(known[:, :4]), dtype=np.float64)
@@ -50,9 +52,9 @@ def block_diagonal(one: Array, other: Array) -> Array:
 
 
 def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | None:
-    """Return the number of the mark after which the load has changed; None: it has not.
+    """Return the number of the examination after which the load of a lift has changed (spill); None: it has not.
 
-    marks:  (M, 4, 5 + K) information of the lift so far
+    marks:  (M, 4, 5 + K) information on the load at each of M earlier examinations
     now:    (4, 5 + K) information of the whole lift
     others: (K, K) covariance of the other parameters
     least:  smallest change of the mass that counts [kg]
@@ -68,9 +70,9 @@ def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | N
 
 @cache
 def _pairs(marks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return pairs of marks between which a change may lie.
+    """Return the pairs (first, last) of `marks` examinations between which a load may have changed.
 
-    The load is constant before the first mark of a pair, and after the second one."""
+    The load is constant before the first examination of a pair, and after the second one."""
     first, last = np.triu_indices(max(marks - SHORTEST + 1, 0))
     return first, last
 

@@ -300,7 +300,7 @@ class LoadEstimator(Estimator):
         return weight.mass < EMPTY_BELOW * self.constants.rated
 
     def refusal(self, weight: Weight) -> Reason | None:
-        """Return the reason why there is no valid weight; None: there is one.
+        """Return the reason why the present weight is not valid; None: it is.
 
         IN_CONTACT: the last samples do not fit the load; STARTING: too few samples; NOT_A_LOAD: no load can have this
         mass and centre; UNCERTAIN: the standard error is the rated payload or more."""
@@ -333,7 +333,7 @@ class LoadEstimator(Estimator):
         return load if curled else load.changed(partial(degraded, reason=Reason.NOT_CURLED))
 
     def _trust(self, weight: Weight) -> tuple[Status, Reason]:
-        """Return status and reason of a plausible weight.
+        """Return status and reason of a weight that can be a load: OK or DEGRADED.
 
         It is DEGRADED if its standard error exceeds GOOD_ENOUGH rated payloads (in a lift without motion because of
         friction at rest), or if the tares are those of the data sheet; otherwise OK."""

@@ -106,13 +106,13 @@ def choice() -> Choice:
         return Choice(INTERPRETED)
     text = crc32(b"".join((here / name).read_bytes() for name in PARTS))
     try:
-        return judged(import_module(f"{__package__}.{COMPILED}"), text)
+        return matching(import_module(f"{__package__}.{COMPILED}"), text)
     except ImportError as error:
         why = f"{built[0]} is for another processor or Python ({error})"
         return Choice(INTERPRETED, f"the compiled kernel was not taken, the interpreted one runs: {why}")
 
 
-def judged(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
+def matching(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
     """Return the compiled kernel if it was compiled from this source, otherwise the interpreted one.
 
     compiled: imported module, whose `TEXT` is the checksum of the source from which it was compiled

@@ -54,7 +54,7 @@ class ForceConstants(Constants):
     def __init__(
         self, model: Model, tares: Tares, rated_force: float, delay_s: float, kernel: Kernel | None = None
     ) -> None:
-        """Compute the constants.
+        """Compute the constants of force, contact and load at the tool.
 
         model:       of the machine
         tares:       identified parameters of the empty machine
@@ -102,7 +102,7 @@ class ForceEstimator(Estimator):
         )
 
     def interrupt(self) -> None:
-        """Discard all but learned errors and events after an interruption of the measurement."""
+        """Begin anew after an interruption of the measurement; learned errors of the torques and events are kept."""
         self.noise.interrupt()
         self.carried.forget()
         self.contact.interrupt()

@@ -45,9 +45,10 @@ class Lateness:
         self.share = delay_s / (self.steps * dt)
 
     def error(self, recent: "RecentForces", x: float, z: float) -> tuple[float, float]:
-        """Return the error (x, z) [N] of a force by its latency: its change over the last steps times `share`.
+        """Return the error (x, z) [N] of a force by its latency: its rate of change times the delay.
 
-        It is zero before the second force.
+        The change is that over the last `steps` steps; `share` is the delay over the time of these steps. The error is
+        zero before the second force.
 
         recent: forces of the last steps, without this one
         x, z:   this force, forwards and upwards [N]

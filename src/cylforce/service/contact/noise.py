@@ -62,7 +62,7 @@ class NoiseConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, rated_force: float, kernel: Kernel | None = None) -> None:
-        """Compute the constants; times in seconds become factors and numbers of steps.
+        """Compute the constants of the errors of the measured torques; times become factors and numbers of steps.
 
         model:       of the machine
         tares:       identified parameters of the empty machine, with the error of each row [N m]

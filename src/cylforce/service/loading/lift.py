@@ -56,7 +56,7 @@ class Lift(Estimator):
 
     @classmethod
     def start(cls, spread: Array, parameters: int, rows: int, *, mixed: bool = False) -> Self:
-        """Return a lift without samples.
+        """Return a lift without samples: the recursive estimate of a load (m, m x, m z, J) before its first row.
 
         spread:     (4,) prior standard errors of a load
         parameters: P + D, number of tares and drifts
@@ -117,7 +117,7 @@ class Lift(Estimator):
         return self.values[:3] - change[:, len(tares) :] @ drift.values, self.covariance[:3, :3] + unsure
 
     def keep_check(self, now: Array, last: SpillCheck, most: int) -> None:
-        """Append an examination for a spill.
+        """Append an examination for a spill, and drop the oldest one of more than `most`.
 
         now:  (4, 5 + P + D) information about the load at it
         last: the examination

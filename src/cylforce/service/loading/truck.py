@@ -72,14 +72,14 @@ class Ruling:
     words: str
 
 
-def loaded(truck: Truck, booking: Booking, tare: float) -> Truck:
+def add_bucket(truck: Truck, booking: Booking, tare: float) -> Truck:
     """Return the truck with one more bucket, whose mass is the booking's dumped mass less the `tare` [kg]."""
     mass = booking.dumped - tare
     buckets = (*truck.buckets, Bucket(booking.number, mass, part=truck.part))[-KEPT:]
     return replace(_changed(truck, truck.part, mass), filled=truck.filled + 1, buckets=buckets)
 
 
-def refined(truck: Truck, number: int, change: float) -> Truck:
+def correct_bucket(truck: Truck, number: int, change: float) -> Truck:
     """Return the truck with the mass of bucket `number` corrected by `change` [kg]."""
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:
@@ -93,14 +93,14 @@ def _changed(truck: Truck, part: int, by: float) -> Truck:
     return replace(truck, total=truck.total + by, in_part=truck.in_part + (by if part == truck.part else 0.0))
 
 
-def aimed(truck: Truck, target: float) -> Ruling:
+def set_target(truck: Truck, target: float) -> Ruling:
     """Set the target [kg] of the present part of a truck; 0: none. A target out of range is refused."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, target=target), DONE, f"target set to {target:.1f} kg")
 
 
-def trailer_aimed(truck: Truck, target: float) -> Ruling:
+def set_trailer_target(truck: Truck, target: float) -> Ruling:
     """Set the target [kg] of a truck's trailer, or of any other next part; 0: none. One out of range is refused."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
@@ -124,7 +124,7 @@ def next_part(truck: Truck) -> Ruling:
     )
 
 
-def of_product(truck: Truck, product: int) -> Ruling:
+def set_product(truck: Truck, product: int) -> Ruling:
     """Set the number of a truck's product, 0 (none) to 65535, from the next bucket on."""
     if not 0 <= product < 1 << 16:
         return Ruling(truck, TOO_FAR, f"product refused: {product} is not 0 (none) to 65535")
@@ -138,7 +138,7 @@ def next_truck(truck: Truck) -> Ruling:
     return Ruling(after, DONE, f"truck {truck.number} closed with {truck.total:.1f} kg, truck {after.number} opened")
 
 
-def judged(truck: Truck, number: int, accepted: bool) -> Ruling:
+def set_accepted(truck: Truck, number: int, accepted: bool) -> Ruling:
     """Cancel a bucket of a truck, whose mass then does not count, or accept it again.
 
     A repeated command has no further effect. A bucket that is not among the last KEPT ones is refused.

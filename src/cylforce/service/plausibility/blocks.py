@@ -82,7 +82,7 @@ class Block:
     ways: Array = field(default_factory=_nothing)
 
     def followed_by(self, new: "Block", most: int) -> "Block":
-        """Return these blocks followed by a `new` one, the last `most` of them."""
+        """Return a sequence of blocks of motion with a `new` one at its end, of which the last `most` are kept."""
         if not len(self.residual):
             return Block(**{f.name: getattr(new, f.name)[None] for f in fields(Block)})
         parts = ((f.name, getattr(self, f.name), getattr(new, f.name)) for f in fields(Block))

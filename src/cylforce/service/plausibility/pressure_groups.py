@@ -231,7 +231,13 @@ class PressureGroups(Estimator):
             self._end_group(speed)
 
     def _end_group(self, speed: Numbers) -> None:
-        """Update the statistics with a group that has ended, if a cylinder moved; `speed` (C,) [m/s]."""
+        """Update means, variances and noise with a group of readings that has ended, if a cylinder moved.
+
+        A pressure belongs to the groups in motion if its own cylinder moves, else to those at rest. Ratios of the
+        groups in motion are computed, which show whether a pressure changes at all.
+
+        speed: (C,) of the cylinders [m/s], extending positive
+        """
         c, size = self.constants, len(self.constants.signals)
         way = array("d", [speed[cylinder] for cylinder in c.cylinders])
         moved = np.array([abs(each) > MOVES for each in way], dtype=bool)

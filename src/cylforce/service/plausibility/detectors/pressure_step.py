@@ -242,7 +242,9 @@ def _swaps(machine: Machine) -> list[Pairs]:
 
 
 def _curves() -> Array:
-    """Return orthonormal columns (WINDOW, DEGREE + 2): curves up to DEGREE, then a step."""
+    """Return the curves that are fitted to a window of readings, as orthonormal columns (WINDOW, DEGREE + 2).
+
+    They are polynomials of the time up to DEGREE, then a step after BEFORE readings."""
     t = np.arange(BEFORE + AFTER) - (BEFORE + AFTER - 1) / 2.0
     powers = [t**k for k in range(DEGREE + 1)]
     found, _ = np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))
@@ -352,7 +354,7 @@ class PressureStep(Detector):
         self.report, self.votes, self.seconds, self.in_air = suspicion, 0.0, 0, 0
 
     def on_step(self, features: Features) -> None:
-        """Update the report with the pressures of a step; discard a new suspicion that friction explains."""
+        """Update the suspicion with the pressures of a step; discard a new one that a reversal of friction explains."""
         now, steps = features.now, features.now.pipeline.steps
         self.reversals.update(now.instant, steps)
         known, since, votes = self.report, self.since, self.votes
@@ -364,7 +366,9 @@ class PressureStep(Detector):
             self.report, self.since, self.votes = known, since, votes
 
     def take(self, now: Numbers, steps: int, arrivals: Numbers) -> None:
-        """Update the report with the pressures of a step. A few missing readings are linearly interpolated.
+        """Update the suspicion with the pressures of a step, if a reading is due at it.
+
+        A few missing readings are linearly interpolated.
 
         Beside a late or missing reading no step is concluded: the pressure has changed meanwhile by more than the
         readings' nominal interval explains.
