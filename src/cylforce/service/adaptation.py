@@ -229,7 +229,7 @@ class DriftFilter(Estimator):
         opposite sign, as Coulomb friction. A boom that always moves down while the bucket is empty determines only the
         sum of both, so that such an error would remain.
 
-        residual: measured joint torques less those of the tares and of the present drift [N m]
+        residual: measured joint torques less those of the empty machine (tares) and of the present drift [N m]
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         c = self.constants

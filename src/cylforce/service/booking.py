@@ -175,7 +175,7 @@ class BookingConstants(Constants):
 
         weight: at an instant of a lift
         drift:  of friction and zeros
-        tares:  with the error of the scale that counts
+        tares:  identified parameters of the empty machine, with the error of the scale that counts
         sizes:  (H,) independent errors of the signals; None: not known
         """
         slopes = weight.slopes
@@ -194,7 +194,8 @@ class BookingConstants(Constants):
     def reported_error(self, weight: Weighed, drift: DriftKnowledge, sizes: Array | None) -> float:
         """Return the reported standard error [kg] of the mass of a weight, corrected by the drift.
 
-        Beyond noise, tares, drift and scale it contains the error of the common scale of all pressures.
+        Beyond those of noise, identified parameters (tares), drift and scale it contains the error of the common scale
+        of all pressures.
 
         weight: at an instant of a lift, with its sensitivities
         drift:  of friction and zeros, with its covariance

@@ -118,7 +118,7 @@ class Recognizer(Estimator):
 
         A block with too few rows in motion is discarded.
 
-        residual: residual torque of each measured joint after tares and drift [N m], with its columns
+        residual: measured joint torques less those of the empty machine (tares) and the drift [N m], with their columns
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         c, instant = self.constants, (residual.rows, residual.numbers, usable)

@@ -67,7 +67,7 @@ def residual_of_arrays(residual: Residual, columns: int, drifts: int) -> Instant
     """Return the residual torque of an instant of a recording in the form of the service's steps, without drift.
 
     residual: residual torque of the instant with its variances and columns, as arrays
-    columns:  K, number to which the columns of the tares are filled up with zeros
+    columns:  K, number to which the columns of the identified parameters are filled up with zeros
     drifts:   D, number of drifts
     """
     rows, own = np.zeros((len(residual.torque), columns)), residual.columns.shape[1]

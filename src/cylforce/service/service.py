@@ -161,7 +161,7 @@ class WeighingService(Estimator):
 
     @property
     def memory(self) -> Memory:
-        """Memory of the service, which a restart does not change."""
+        """What the service keeps over a restart: zero and tare, truck, last booking, tool, weight to be booked."""
         books = self.bookings
         return Memory(
             scale=self.scale,
@@ -315,11 +315,11 @@ class WeighingService(Estimator):
     def on_tick(self, t_us: int) -> Estimate:
         """Return the estimate of a tick at the time `t_us` [us]: one step of the whole service.
 
-        The frames received since the last tick become a sample, the sample becomes filtered rows, and the rows less
-        tares and drift the residual torque of each joint [N m]. The residual torque gives the load, the bookings and
-        the force at the tool. The monitor then tests for sensor faults, and friction and pressure zeros are adapted
-        while the bucket is empty. Without a usable sample, or at a tick that is too early or too late, the last
-        estimate is held or the filters start again.
+        The frames received since the last tick become a sample, the sample becomes filtered rows (measured joint
+        torques and their columns), and the rows less the empty machine's torque the residual torque of each joint [N
+        m]. The residual torque gives the load, the bookings and the force at the tool. The monitor then tests for
+        sensor faults, and friction and pressure zeros are adapted while the bucket is empty. Without a usable sample,
+        or at a tick that is too early or too late, the last estimate is held or the filters start again.
         """
         core = self.fitted
         self.receive()
@@ -374,7 +374,10 @@ class WeighingService(Estimator):
         return self.estimate
 
     def _hold_or_restart(self, sample: Sample, channels: Numbers | Reason) -> None:
-        """Hold or restart at a tick without a usable sample, or one that is too early or too late.
+        """Hold the last estimate, or restart the filters, at a tick that is not one step after the last usable sample.
+
+        The estimate is held where a value is late. The filters restart where a signal is not usable, where ticks are
+        missing, and at the first sample.
 
         sample:   of the tick
         channels: (D,) joint angles [rad], cylinder forces [N] and attitude from the sample, or the reason why there are
@@ -467,7 +470,7 @@ class WeighingService(Estimator):
         Nothing is adapted while a sensor fault is suspected that prevents it, or with tares from the data sheet.
 
         load:     in the bucket, before zero and tare
-        residual: residual torque of the instant, after tares and drift [N m]
+        residual: measured joint torques less those of the empty machine and the drift [N m]
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         if not self.fitted.adapts or not self.monitor.suspicion.follows:

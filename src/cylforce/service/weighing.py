@@ -157,7 +157,7 @@ class LoadEstimator(Estimator):
         A sample that does not fit one hanging load is not used. After too many of them in a row the lift ends. A change
         of the load in the air (spill) begins the lift anew. `event` is the effect of the instant on the lift.
 
-        residual: residual torque of each measured joint after tares and drift [N m]
+        residual: measured joint torques less those of the empty machine (tares) and the drift [N m]
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         drift:    that is subtracted in the residual; None: friction and zeros are those of the tares
         tilt:     angle of the tool to the house [rad]; None where the tool does not empty by tilting
@@ -185,7 +185,7 @@ class LoadEstimator(Estimator):
 
         In a lift of more than `fading_samples` a share of the old information is forgotten first.
 
-        residual:  residual torque of the instant, after tares and drift [N m]
+        residual:  measured joint torques less those of the empty machine (tares) and the drift [N m]
         usable:    (R,) 1 where the row of a measured joint torque can be used, else 0
         drift:     that is subtracted in the residual
         work:      written: intermediate results (`GateLayout`)
@@ -246,7 +246,7 @@ class LoadEstimator(Estimator):
     def _fade(self, work: Numbers) -> None:
         """Fade a small share of the old information of a long lift, in the directions that the present sample measures.
 
-        The estimate and its dependence on the tares do not change.
+        The estimate and its dependence on the tares (identified parameters) do not change.
 
         work: intermediate results of the sample (`GateLayout`), of which the columns (R, 4) of the load and the marks
               of the rows that are used are read
@@ -263,7 +263,7 @@ class LoadEstimator(Estimator):
     def conclude(self, drift: DriftKnowledge) -> Weight:
         """Return mass [kg] and centre [m] of the load from the present lift, corrected by the drift.
 
-        Their standard errors contain those of noise, tares, drift and scale.
+        Their standard errors contain those of noise, identified parameters (tares), drift and scale.
 
         drift: of friction and zeros, with its covariance
         """

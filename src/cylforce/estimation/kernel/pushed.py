@@ -106,9 +106,9 @@ def push(
     load in the bucket, which acts along -z; `load` is not subtracted. `load` only gives its share of the delayed torque
     of inertia.
 
-    The covariance contains errors of the tares, of the delayed torque of inertia, of dry friction while a cylinder
-    reverses, the learned variance, and errors of signals. While cylinders reverse, their friction may have either sign:
-    the amplitudes of all cylinders add up, the worst case.
+    The covariance contains errors of the tares (identified parameters), of the delayed torque of inertia, of dry
+    friction while a cylinder reverses, the learned variance, and errors of signals. While cylinders reverse, their
+    friction may have either sign: the amplitudes of all cylinders add up, the worst case.
 
     signals:        H, number of signals with a probable error
 
@@ -202,6 +202,8 @@ def add_signal_errors(s: KernelSolver, signal_torques: Numbers, signals: Count, 
 def subtract_tares(s: KernelSolver, rows: Numbers, columns: Count, drift: Numbers, force: Numbers) -> None:
     """Compute the residual torque of the instant: scale (torque - W tares - W_D drift).
 
+    W tares is the torque of the empty machine with its identified parameters, W_D drift that of their changes since.
+
     columns: place in `rows` of the columns of the instant
 
     Read:
@@ -224,7 +226,7 @@ def subtract_tares(s: KernelSolver, rows: Numbers, columns: Count, drift: Number
 
 @inner
 def copy_tare_columns(s: KernelSolver, rows: Numbers, columns: Count) -> None:
-    """Copy the columns of the tares, and list those that are not zero.
+    """Copy the columns of the tares (identified parameters), and list those that are not zero, to save time.
 
     columns: place in `rows` of the columns
 
@@ -303,7 +305,7 @@ def torque_covariance(s: KernelSolver, force: Numbers, noise: Numbers) -> None:
 
 @inner
 def tare_covariance(s: KernelSolver, r: Count, q: Count) -> Number:
-    """Return w_r' C w_q [N^2 m^2], the covariance of the torques of rows r and q by errors of the tares.
+    """Return w_r' C w_q [N^2 m^2], the covariance of the torques of rows r and q by errors of the parameters (tares).
 
     Read: w_r and w_q in `s.tare_columns` (R, P), with their places `s.nonzero` that are not zero; C, `s.covariance`
     """
@@ -486,7 +488,7 @@ def learn(s: KernelSolver, force: Numbers, good: Numbers, load: Numbers, noise: 
     """Update the learned variances of the rows after an instant in the air, where the load explains the whole torque.
 
     v <- v (1 + (e - 1) / learning), with e the squared residual over its variance, at most `s.largest`. The variance
-    is at least that of the tares' fit.
+    is at least that with which the identified machine was fitted (`s.row_error` squared).
 
     Read:
     force: result of `push` (`layout.ForceLayout`): residual torque (R,), variance of friction (R,), columns of the load

@@ -34,7 +34,7 @@ def gather(
     A row (measured torque) is added if it is usable and in motion: friction at rest would dominate its error. Its
     equation has G = 4 + D + H + 1 numbers: coefficients of the load (4,), of the changes of frictions and pressure
     zeros (D,), of the errors of signals (H,), and the residual torque. All are over the row's standard error, of which
-    the errors of the tares are a part.
+    the errors of the tares (identified parameters) are a part.
 
     signals:       H, number of signals
     memory:        consecutive samples that count as one independent sample
@@ -192,7 +192,7 @@ def torque_per_error(
     joints:        (angles,) numbers of the joints
 
     Written, room for intermediate results:
-    values:        (P,) tares with the load added
+    values:        (P,) identified parameters (tares) with the load added
     angle_torques: (R, angles) torque per error of an angle, without the scale [N m/rad]
 
     Written:
@@ -331,7 +331,7 @@ def rock(
 
     Written, room for intermediate results:
     unexplained:    (R,) residual torque less that of the load [N m]
-    values:         (P,) tares with the load added
+    values:         (P,) identified parameters (tares) with the load added
     levers:         (R, 2) torque per acceleration forwards and upwards [kg m]
 
     Read and written:

@@ -29,7 +29,8 @@ SENSITIVITY: Count = 7
 def explain(s: KernelSolver, rows: Numbers, drift: Numbers, residual: Numbers) -> None:
     """Compute the residual torque of R measured torques at one instant: scale (torque - W tares - W_D drift).
 
-    Of a cylinder at rest the direction of the dry friction is unknown: its whole torque is an error.
+    W tares is the torque of the empty machine with its identified parameters, W_D drift that of their changes since. Of
+    a cylinder at rest the direction of the dry friction is unknown: its whole torque is an error.
 
     Read:
     rows:     (R, K) columns W, of which the first P are those of the tares; then (R,) measured torques [N m]
@@ -87,9 +88,9 @@ def quadratic(s: KernelSolver, matrix: Numbers, matrix_at: Count, size: Count, x
 
 @inner
 def loaded(s: KernelSolver, columns: Numbers, size: Count, load_columns: Numbers) -> None:
-    """Compute the torque (R, 4) of R rows per unit of a load (m, m x, m z, J).
+    """Compute the torque (R, 4) of R measured joints per unit of a load (m, m x, m z, J about the last pin).
 
-    A load adds to some of the P tares, so that its columns are sums of theirs.
+    A load adds to some of the P identified parameters (tares), so that its columns are sums of theirs.
 
     Read:
     columns:      (R, size) columns, of which the first P are those of the tares
@@ -107,7 +108,7 @@ def loaded(s: KernelSolver, columns: Numbers, size: Count, load_columns: Numbers
 
 @inner
 def load_at_drift(s: KernelSolver, lift: Numbers, drift: Numbers, load: Numbers) -> None:
-    """Compute the load of a lift for the present drift: b = values - C G drift.
+    """Compute the load of a lift, corrected by the present drift of friction and zeros: b = values - C G drift.
 
     The state of a lift holds the estimate for zero drift, its covariance C (4, 4), and in the last D columns of its
     gram the G (4, D) of the drift: the drift may change during a lift.
@@ -300,7 +301,7 @@ def without_load(
 
 @inner
 def together(s: KernelSolver, load: Numbers, load_place: Count, values: Numbers) -> None:
-    """Compute the parameters (P,) of machine and load together: the tares plus those of the load.
+    """Compute the parameters (P,) of machine and load together: the identified ones (tares) plus those of the load.
 
     Read:
     load:   contains the load (m, m x, m z, J) from `load_place` on [kg, kg m, kg m, kg m^2]
@@ -384,9 +385,10 @@ def solve_triangle(s: KernelSolver, lift: Numbers) -> None:
 
 @inner
 def sensitivity(lift: Numbers, component: Count, size: Count, first: Count, slopes: Numbers, slopes_at: Count) -> None:
-    """Compute how the estimate of one component of the load changes with tares and drift: C gram.
+    """Compute how the estimate of one component of the load depends on tares and drift: C gram.
 
-    The estimate changes by minus this number per unit of each parameter.
+    The tares are the identified parameters, the drift is their change since. The estimate changes by minus this number
+    per unit of each of them.
 
     component: of the load, 0 to 3
     size:      P + D, number of columns of the gram

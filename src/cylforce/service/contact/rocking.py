@@ -118,7 +118,7 @@ class BaseFilter(Estimator):
         They follow from a mean pitch of the last steps and, if all rows are usable, from the torques that a settled
         load does not explain (`recognised.rock`).
 
-        residual: of the instant, after tares and drift
+        residual: residual torque of the instant: measured less that of the empty machine and the drift [N m]
         channels: (D,), of which the last three are pitch, roll [rad] and slew rate
         lift:     of the load, before this instant
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0

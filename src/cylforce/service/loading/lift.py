@@ -93,9 +93,10 @@ class Lift(Estimator):
 
     @property
     def gram(self) -> Array:
-        """Products (4, P + D) of load columns with those of tares and drift, over each row's variance.
+        """Sum over the rows (4, P + D) of load columns times those of P tares and D drifts, over each row's variance.
 
-        covariance @ gram is the load's sensitivity to tares and drift, with the sign reversed."""
+        covariance @ gram is the change of the load (m, m x, m z, J) per unit of tares (identified parameters of the
+        empty machine) and drifts (changes of friction and zeros), with the sign reversed."""
         return part(self.numbers, LIFT.gram).reshape(4, -1)
 
     def error_by_drift(self, covariance: Array) -> float:
@@ -108,7 +109,7 @@ class Lift(Estimator):
 
         They are corrected by the drift. The covariance includes the errors of tares and drift.
 
-        tares:  (P, P) covariance of the tares
+        tares:  (P, P) covariance of the tares, the identified parameters of the empty machine
         drift:  of friction and zeros, with its covariance
         colder: factor on the covariance of the drift
         """
@@ -158,7 +159,8 @@ def lift_numbers(root: Root, gram: Array, estimate: tuple[Array, Array] | None =
     """Return the state of a lift as one flat array, in the kernel's order (`LiftLayout`).
 
     root:     information on the load (m, m x, m z, J): triangle (4, 4) and right-hand side (4,)
-    gram:     (4, P + D) sum of load columns times columns of tares and drift, over the variance of each row
+    gram:     (4, P + D) sum of load columns times columns of tares (identified parameters) and drift, over each row's
+              variance: the sensitivity of the load to both
     estimate: values (4,) and covariance (4, 4) of the load; None: solved from the root
     """
     values, covariance = solution(root) if estimate is None else estimate

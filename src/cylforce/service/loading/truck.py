@@ -108,6 +108,7 @@ def set_trailer_target(truck: Truck, target: float) -> Ruling:
 
 
 def _too_far(truck: Truck, target: float) -> Ruling | None:
+    """Return the refusal of a target [kg] outside 0 to LARGEST_TARGET; None: it is accepted."""
     if 0.0 <= target <= LARGEST_TARGET:
         return None
     return Ruling(truck, TOO_FAR, f"target refused: {target:.1f} kg is not 0 (none) to {LARGEST_TARGET:.0f} kg")

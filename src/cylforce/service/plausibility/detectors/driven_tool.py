@@ -160,7 +160,7 @@ class DrivenTool(Detector):
 
         resultant: force of all that acts on the tool
         velocity:  of the tool, x + i z [m/s]
-        residual:  (R,) residual torque of the tares [N m]
+        residual:  (R,) measured joint torques less those of the empty machine [N m]
         soil:      the resultant less the force of the weighed load; None: no load is weighed
         """
         speed, c = abs(velocity), self.constants
