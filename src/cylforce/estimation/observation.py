@@ -69,8 +69,8 @@ def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) 
     as torque.
 
     values: (T, S) samples of all signals [SI], without gaps
-    first: step of the recording at which the stretch begins
-    noisy: estimate the sensors' noise; False: taken as zero, in half the time
+    first:  step of the recording at which the stretch begins
+    noisy:  whether the sensors' noise is estimated; False: taken as zero, in half the time
     """
     moved = model.channels.run(values)
     rows = model.filtered.run(moved.motion)

@@ -221,7 +221,7 @@ class DriftFilter(Estimator):
         self.root, self.informed = Root(factor, right), False
 
     def update(self, residual: InstantResidual, usable: Numbers) -> None:
-        """Update the drift with one instant with an empty bucket in the air.
+        """Update the drift of friction and pressure zeros with one instant with an empty bucket in the air.
 
         Only every EVERY-th instant with a row that can be used changes the drift.
 

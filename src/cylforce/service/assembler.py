@@ -167,7 +167,7 @@ class Assembler(Estimator):
 
     @classmethod
     def start(cls, constants: AssemblerConstants) -> Self:
-        """Return the state before any frame.
+        """Return the state of the sensors' inputs before any frame.
 
         The signals have no value (reason SIGNAL_MISSING), the PDOs and heartbeats have never been received, and neither
         a frame that is too long nor another sender of our identifiers has been seen."""

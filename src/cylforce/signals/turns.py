@@ -66,7 +66,7 @@ class Follower:
     """Makes columns of angles continuous over the pieces of a recording.
 
     columns: numbers of the columns, K
-    before: (K,) last known angle of each [rad], NaN: none yet
+    before:  (K,) last known angle of each [rad], NaN: none yet
     """
 
     def __init__(self, columns: Sequence[int]) -> None:

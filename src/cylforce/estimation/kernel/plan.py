@@ -128,10 +128,12 @@ class KernelPlan:
                  an inertial sensor; first column of the tool
         physics: gravity [m/s^2]; distance of the first pin from the slew axis [m]; place x, z of the inertial sensor
                  from that pin [m]; fixed step [s]
-        counts:  arrays of integers: row, acting, bodies, rigid, slewed, rocker, weight, laws, levers, used, moved, good
-        numbers: arrays of numbers: lengths, arm, pins, bars, stops, shapes; coefficients of the filters channel, mean,
-                 begun, slope, rest, quick, settled, slow; room for middle, rate, q, qd, turn, level, hinge, riders,
-                 lever, speed, pushes, momentum, static, torque
+        counts:  arrays of integers: row of each joint, cylinders that act on each row, bodies of the cylinders' pins;
+                 columns of the links, of slewing, of the weights of four-bars and cylinders, and of the force laws;
+                 places of the levers and of the columns that can differ from zero; room for the usable cylinders
+        numbers: arrays of numbers: lengths of the links, pins, bars and stops of the cylinders [m], constants of the
+                 force laws; coefficients and first states of the filters; room for the motion of one instant, its
+                 columns and its torques
         """
         self.arrays = (counts, numbers)
         self.n, self.c, self.r, self.k, self.d = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]

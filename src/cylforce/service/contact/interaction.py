@@ -92,7 +92,7 @@ class ForceEstimator(Estimator):
 
     @classmethod
     def start(cls, constants: ForceConstants) -> Self:
-        """Return the state before any sample."""
+        """Return the estimator of the forces before any sample: no load known, no contact, no error learned."""
         return cls(
             constants,
             noise=TorqueNoise.start(constants.noise),

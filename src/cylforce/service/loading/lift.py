@@ -160,7 +160,7 @@ def lift_numbers(root: Root, gram: Array, estimate: tuple[Array, Array] | None =
 
     root:     information on the load (m, m x, m z, J): triangle (4, 4) and right-hand side (4,)
     gram:     (4, P + D) sum of load columns times columns of tares (identified parameters) and drift, over each row's
-              variance: the sensitivity of the load to both
+              variance, which is the sensitivity of the load to both
     estimate: values (4,) and covariance (4, 4) of the load; None: solved from the root
     """
     values, covariance = solution(root) if estimate is None else estimate

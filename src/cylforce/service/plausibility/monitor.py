@@ -47,7 +47,7 @@ class Monitor(Estimator):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state before any sample, without a suspicion."""
+        """Return a monitor of a machine's signals before any sample: each detector of the table, no suspicion."""
         made = cls(
             machine,
             groups=PressureGroups.start(machine.groups),

@@ -181,7 +181,7 @@ class PressureGroups(Estimator):
 
     @classmethod
     def start(cls, constants: GroupConstants) -> Self:
-        """Return the state before any reading."""
+        """Return the statistics of a machine's pressures before any reading."""
         size, empty = len(constants.signals), array("d")
         return cls(
             constants,

@@ -62,7 +62,9 @@ class UndetectedErrors(Estimator):
 
     @classmethod
     def start(cls, constants: BlockConstants) -> Self:
-        """Return the state before any sample."""
+        """Return the state before any sample: no lift, no signal with a probable error.
+
+        The products of rows have K columns: load (4), friction and zeros (D), errors of signals (H), residual (1)."""
         size, none = len(constants.prior) + constants.size + 1, np.zeros(constants.size)
         lift, torques = np.zeros((size, size)), np.zeros((constants.rows, constants.size))
         return cls(

@@ -109,7 +109,7 @@ class DrivenTool(Detector):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state without a driven path."""
+        """Return the detector before any sample: the tool was not driven by the measured force over any path."""
         return cls(
             machine.constants(DrivenConstants),
             path=0.0,

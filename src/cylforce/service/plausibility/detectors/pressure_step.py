@@ -317,7 +317,7 @@ class PressureStep(Detector):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state before any reading."""
+        """Return the detector before any reading: no pressure is suspected to have stepped."""
         constants, empty = machine.constants(StepConstants), array("d")
         return cls(
             constants,
