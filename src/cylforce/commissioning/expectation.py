@@ -11,7 +11,7 @@ import numpy as np
 from cylforce.estimation.channels import Moved
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import REST_SECONDS, Residual, correlated, residual
+from cylforce.estimation.residual import REST_SECONDS, Residual, correlated, load_spread, residual
 from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, joint_angles, working_range
@@ -77,7 +77,7 @@ def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
     weight = _weight(model, rows, tares.correlation)
     weighted = np.swapaxes(columns * weight[..., None], -1, -2)
     # P = (X' V^-1 X + P0^-1)^-1; an error d of the tares changes the weight by the gain (P X' V^-1 W) d
-    covariance = np.linalg.inv(np.sum(weighted @ columns, axis=0) + np.diag(_prior(model.machine) ** -2.0))
+    covariance = np.linalg.inv(np.sum(weighted @ columns, axis=0) + np.diag(load_spread(model.machine) ** -2.0))
     gain = (covariance[..., :1, :] @ np.sum(weighted @ rows.columns, axis=0))[..., 0, :]
     noise, by_tares = covariance[..., 0, 0], np.sum((gain @ tares.covariance) * gain, axis=-1)
     by_tares = by_tares + (tares.scale_error * model.machine.rated_payload) ** 2
@@ -97,12 +97,6 @@ def cost(tares: Tares, expected: Expected) -> Array:
     weighable = np.isfinite(expected.standard_error)
     part = expected.gain[weighable] @ tares.covariance / np.sqrt(np.diag(tares.covariance))
     return np.asarray(np.median(np.abs(part), axis=0)) if np.any(weighable) else np.full(len(tares.names), np.nan)
-
-
-def _prior(machine: Machine) -> Array:
-    """Return the prior standard errors (4,) of m [kg], m x, m z [kg m], J [kg m^2], as in service/weighing.py."""
-    moment = machine.rated_payload * machine.payload_reach
-    return np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
 
 
 def _weight(model: Model, rows: Residual, correlation: float) -> Array:
