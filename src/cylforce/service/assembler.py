@@ -84,7 +84,10 @@ class AssemblerConstants(Constants):
     """
 
     def __init__(self, service: Service) -> None:
-        """Compile the PDOs of all sensor nodes of a machine file's `service` settings."""
+        """Compute what is needed to read the sensors' frames: decoders of their PDOs, checks, places in the state.
+
+        service: settings of the machine file: machine with its signals, sensor nodes with their PDOs, health limits
+        """
         machine, self.service = service.machine, service
         self.kernel = choice.chosen()
         self.supervisor = Supervisor(service)
@@ -238,7 +241,10 @@ class Assembler(Estimator):
         constants.kernel.receive(constants.plan, self.state, sorts, size, array("d", times), array("d", raw), moving)
 
     def _receive_unknown(self, frame: Frame) -> None:
-        """Count a frame that is no sensor's PDO, and update the state with a heartbeat or one of our identifiers."""
+        """Count a frame that is no sensor's PDO.
+
+        A heartbeat of a sensor node updates its NMT state; a frame with one of our identifiers is noted with its time,
+        because another node sends it."""
         layout, supervisor = self.constants.layout, self.constants.supervisor
         node = supervisor.nodes.get(frame.can_id)
         if node is not None and len(frame.data) == 1:

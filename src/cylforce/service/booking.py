@@ -205,7 +205,9 @@ class BookingConstants(Constants):
 
 
 def difference(lifted: Weighed, empty: Weighed) -> Weighed:
-    """Return the dumped weight, whose sensitivities contain only the errors that both weights do not have in common.
+    """Return the dumped weight: the mass [kg] of the load less that of the carry-back.
+
+    Errors of the tares, of the drift and of the signals that both weights have in common cancel in its sensitivities.
 
     lifted: weight of the load
     empty:  weight of the carry-back

@@ -124,11 +124,12 @@ def read(frame: Frame, node_id: int) -> Command | None:
 
 
 def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> tuple[Scale, Answer]:
-    """Return zero and tare after a command, and its answer.
+    """Return the operator's zero and tare [kg] after a zero or tare command, and its answer.
 
-    A command is refused unless the status of the weight is OK; a zero also if it is too large.
+    "zero" sets the zero to the present load, and the tare to 0; "tare" sets the tare to the present load less the zero.
+    A command is refused unless the status of the weight is OK; a zero also beyond ZERO_RANGE rated payloads.
 
-    command: with the signature
+    command: "zero" or "tare", and the four bytes written, which must be the signature
     scale:   before the command
     mass:    present load before zero and tare [kg]
     rated:   rated payload [kg]

@@ -110,11 +110,12 @@ class WeighingService(Estimator):
 
     @classmethod
     def start(cls, core: Core, kept: Memory = NOTHING_KEPT) -> Self:
-        """Return a service before any event.
+        """Return a service before any event: every estimator in its first state, no estimate yet (STARTING).
 
-        The standard tool replaces a tool of the memory that the core does not contain any more.
+        Zero, tare, truck, tool and bookings are those of the memory. The standard tool replaces a tool that the core
+        does not contain any more.
 
-        core: constants
+        core: settings, identified parameters, and constants of all estimators with each tool
         kept: memory from before a restart
         """
         tool = kept.tool if kept.tool in core.attached else STANDARD
@@ -228,7 +229,8 @@ class WeighingService(Estimator):
     def on_frame(self, frame: Frame) -> Answer | None:
         """Handle a frame, and return the answer to a command; None for any other frame.
 
-        A command is executed at once. A sensor's frame waits for the next tick. No frame raises an exception."""
+        A command to our node is executed at once, unless NMT has stopped it. A boot-up message discards the values of
+        the node that booted. A sensor's frame waits for the next tick. No frame raises an exception."""
         if frame.can_id not in self.core.inputs.decoders:
             own = self.core.service.node_id
             stopped = commands.stopped(frame, own)

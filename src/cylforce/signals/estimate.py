@@ -163,7 +163,7 @@ class Force:
         return self.x, self.z, self.magnitude, self.direction
 
     def changed(self, change: Callable[[Quantity], Quantity]) -> "Force":
-        """Return the force with each published quantity changed by `change`."""
+        """Return the force with `change` applied to x, z, magnitude and direction; the covariance stays."""
         return Force(
             x=change(self.x),
             z=change(self.z),

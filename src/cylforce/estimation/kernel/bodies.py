@@ -115,7 +115,8 @@ def swing(p: KernelPlan, c: Count) -> Number:
 
     The transmission is the sine of the angle between rocker and connecting link; 0 at a dead point, -1 where the
     linkage cannot be closed. The connecting link keeps its length: bar . (d base / d angle) = sine spin, with base from
-    PIN to LINK, bar from LINK to END, and spin the derivative of the rocker's angle.
+    PIN to LINK, bar from LINK to END, and spin the derivative of the rocker's angle. A rider is a moving point: place
+    x, z [m], velocity [m/s], derivatives of the place by each joint's angle [m/rad], and their rates.
 
     Read: riders PIN and LINK, the bars' lengths in `p.bars`
 
@@ -193,8 +194,8 @@ def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Num
 def between(p: KernelPlan, x: Number, z: Number) -> None:
     """Compute the motion of the pin of a cylinder's rod (rider EYE), which is fixed to the rocker of a four-bar.
 
-    It is at PIN plus (x + i z) times the vector from PIN to END, the rocker's ends. Place, velocity and the derivatives
-    by the joints' angles all follow that law.
+    It is at PIN plus (x + i z) times the vector from PIN to END, the rocker's ends. A rider is a moving point: place x,
+    z [m], velocity [m/s], derivatives of the place by each joint's angle [m/rad], and their rates. All follow that law.
 
     x, z: place of the eye along and across the rocker, in units of its length
 
@@ -257,6 +258,9 @@ def stretch(p: KernelPlan, c: Count) -> Count:
 @inner
 def follow_line(p: KernelPlan, distance: Number) -> None:
     """Compute the motion of a point of the cylinder's barrel (rider MIDDLE), on the line from FOOT to EYE.
+
+    A rider is a moving point: place x, z [m], velocity [m/s], derivatives of the place by each joint's angle [m/rad],
+    and their rates. FOOT is the pin of the barrel, EYE that of the rod.
 
     distance: from the foot [m]
 

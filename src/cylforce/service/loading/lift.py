@@ -129,7 +129,10 @@ class Lift(Estimator):
         self.tilt = last.tilt if self.tilt is None else self.tilt
 
     def since(self, at: int, now: Array, last: SpillCheck, every: int, nothing: Array) -> "Lift":
-        """Return the lift since an earlier examination, at which the load changed.
+        """Return the lift since an earlier examination for a spill, at which the load changed.
+
+        Information on a load is its matrix (4, 4), right-hand side (4,) and gram (4, P + D) side by side. It is a sum
+        over the samples, so that the part before the examination is subtracted.
 
         at:      number of that examination in `checks`
         now:     (4, 5 + P + D) information at the `last` examination

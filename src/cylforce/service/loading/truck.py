@@ -80,7 +80,7 @@ def add_bucket(truck: Truck, booking: Booking, tare: float) -> Truck:
 
 
 def correct_bucket(truck: Truck, number: int, change: float) -> Truck:
-    """Return the truck with the mass of bucket `number` corrected by `change` [kg]."""
+    """Return the truck with the mass of bucket `number` corrected by `change` [kg], if that is among the last KEPT."""
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:
         return truck

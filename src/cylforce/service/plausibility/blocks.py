@@ -145,6 +145,8 @@ class BlockConstants(Constants):
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
         """Compute which signals may have an error, and the prior spreads of load, friction and pressure zeros.
 
+        The signals are the forces of cylinders with a measured force, and the angles of joints with an encoder.
+
         model:  of the machine
         tares:  identified parameters of the empty machine
         kernel: form of the kernel; None: the compiled one if there is one
@@ -267,7 +269,10 @@ class BlockGatherer(Estimator):
 
     @classmethod
     def start(cls, constants: BlockConstants) -> Self:
-        """Return the state before any sample: an empty running block, no load known."""
+        """Return the state before any sample: an empty running block, no load known.
+
+        The rows of a block have K columns: load (4), changes of friction and zeros (D), errors of signals (H), residual
+        (1)."""
         size = len(constants.prior) + constants.size + 1
         return cls(
             constants,

@@ -181,7 +181,7 @@ class PressureGroups(Estimator):
 
     @classmethod
     def start(cls, constants: GroupConstants) -> Self:
-        """Return the statistics of a machine's pressures before any reading."""
+        """Return the statistics of a machine's pressures before any reading: no group, no noise [Pa^2] known."""
         size, empty = len(constants.signals), array("d")
         return cls(
             constants,
