@@ -79,7 +79,7 @@ def set_links(p: KernelPlan, pitch: Number, turning: Number) -> None:
 
 
 @inner
-def ride(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> None:
+def move_point(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> None:
     """Compute the motion of a point that is fixed to a body, as a rider: place, velocity, derivatives by the angles.
 
     number: of the rider
@@ -110,7 +110,7 @@ def ride(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> Non
 
 
 @inner
-def swing(p: KernelPlan, c: Count) -> Number:
+def move_four_bar(p: KernelPlan, c: Count) -> Number:
     """Compute the motion of the four-bar of cylinder c (riders END, its rocker, and EYE), and return its transmission.
 
     The transmission is the sine of the angle between rocker and connecting link; 0 at a dead point, -1 where the
@@ -148,18 +148,18 @@ def swing(p: KernelPlan, c: Count) -> Number:
         if j >= both:
             spin = (bar_x * (w[link + g] - w[pin + g]) + bar_z * (w[link + g + 1] - w[pin + g + 1])) / sine
         w[end + g], w[end + g + 1] = w[pin + g] - arm_z * spin, w[pin + g + 1] + arm_x * spin
-        w[end + slope_rate_at(p, j)] = spin  # until `swing_on`
+        w[end + slope_rate_at(p, j)] = spin  # until `change_four_bar`
         turning += spin * (p.qd[j] - before)
         before = p.qd[j]
     w[end], w[end + 1] = w[pin] + arm_x, w[pin + 1] + arm_z
     w[end + 2], w[end + 3] = w[pin + 2] - arm_z * turning, w[pin + 3] + arm_x * turning
-    swing_on(p, both, bar_x, bar_z, sine)
-    between(p, p.bars[bars + EYE_ALONG], p.bars[bars + EYE_ACROSS])
+    change_four_bar(p, both, bar_x, bar_z, sine)
+    move_eye(p, p.bars[bars + EYE_ALONG], p.bars[bars + EYE_ACROSS])
     return abs(sine) / (rocker * connecting)
 
 
 @inner
-def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Number) -> None:
+def change_four_bar(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Number) -> None:
     """Compute how fast the derivatives of the rocker's end (rider END) by the joints' angles change [m/(rad s)].
 
     The rocker's spin, the derivative of its angle by each joint's, has the rate `gain` by the time derivative of bar .
@@ -191,7 +191,7 @@ def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Num
 
 
 @inner
-def between(p: KernelPlan, x: Number, z: Number) -> None:
+def move_eye(p: KernelPlan, x: Number, z: Number) -> None:
     """Compute the motion of the pin of a cylinder's rod (rider EYE), which is fixed to the rocker of a four-bar.
 
     It is at PIN plus (x + i z) times the vector from PIN to END, the rocker's ends. A rider is a moving point: place x,
@@ -211,7 +211,7 @@ def between(p: KernelPlan, x: Number, z: Number) -> None:
 
 
 @inner
-def stretch(p: KernelPlan, c: Count) -> Count:
+def move_cylinder(p: KernelPlan, c: Count) -> Count:
     """Compute lever [m/rad] and speed [m/s] of cylinder c from the motion of its pins.
 
     Return 1 if its linkage can be closed in this posture, else 0. The lever is the derivative of the length by each
@@ -225,14 +225,14 @@ def stretch(p: KernelPlan, c: Count) -> Count:
     """
     w = p.riders
     foot, eye, o = rider(p, FOOT), rider(p, EYE), 6 * c  # o: place of the cylinder in `pins`
-    ride(p, FOOT, p.bodies[3 * c], p.pins[o], p.pins[o + 1])
+    move_point(p, FOOT, p.bodies[3 * c], p.pins[o], p.pins[o + 1])
     transmission = 1.0
     if p.bodies[3 * c + 2] < 0:
-        ride(p, EYE, p.bodies[3 * c + 1], p.pins[o + 2], p.pins[o + 3])
+        move_point(p, EYE, p.bodies[3 * c + 1], p.pins[o + 2], p.pins[o + 3])
     else:
-        ride(p, PIN, p.bodies[3 * c + 1], p.pins[o + 2], p.pins[o + 3])
-        ride(p, LINK, p.bodies[3 * c + 2], p.pins[o + 4], p.pins[o + 5])
-        transmission = swing(p, c)
+        move_point(p, PIN, p.bodies[3 * c + 1], p.pins[o + 2], p.pins[o + 3])
+        move_point(p, LINK, p.bodies[3 * c + 2], p.pins[o + 4], p.pins[o + 5])
+        transmission = move_four_bar(p, c)
     x, z = w[eye] - w[foot], w[eye + 1] - w[foot + 1]
     length = sqrt(x * x + z * z)
     closed = 1 if transmission >= 0.0 and length > 0.0 else 0
@@ -256,7 +256,7 @@ def stretch(p: KernelPlan, c: Count) -> Count:
 
 
 @inner
-def follow_line(p: KernelPlan, distance: Number) -> None:
+def move_barrel(p: KernelPlan, distance: Number) -> None:
     """Compute the motion of a point of the cylinder's barrel (rider MIDDLE), on the line from FOOT to EYE.
 
     A rider is a moving point: place x, z [m], velocity [m/s], derivatives of the place by each joint's angle [m/rad],

@@ -14,12 +14,12 @@ from cylforce.estimation.kernel.bodies import (
     MIDDLE,
     PIN,
     ROCKER_LENGTH,
-    follow_line,
+    move_barrel,
+    move_cylinder,
     rider,
     set_links,
     slope_at,
     slope_rate_at,
-    stretch,
 )
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
@@ -49,7 +49,7 @@ def put(p: KernelPlan, table: Numbers, joint: Count, column: Count, value: Numbe
 
 
 @inner
-def rigid(p: KernelPlan, g: Number, h: Number) -> None:
+def link_columns(p: KernelPlan, g: Number, h: Number) -> None:
     """Compute the columns of inertia and weight of all links (`Rigid`): the joint torques per unit of J, X and Z.
 
     J [kg m^2] is a link's moment of inertia about its inner pin. X and Z [kg m] are its first moments, mass times place
@@ -89,10 +89,10 @@ def rigid(p: KernelPlan, g: Number, h: Number) -> None:
 
 
 @inner
-def slewed(p: KernelPlan, square: Number) -> None:
+def slewing_columns(p: KernelPlan, square: Number) -> None:
     """Compute the centrifugal torques while the house slews (`Slew`), per unit of each link's parameters.
 
-    They are added to the columns of inertia J [kg m^2] and first moments X, Z [kg m] of `rigid`. The columns of
+    They are added to the columns of inertia J [kg m^2] and first moments X, Z [kg m] of `link_columns`. The columns of
     D_excess and E [kg m^2], second moments that act only while the house slews, are computed whole.
 
     square: squared slew rate Omega^2 [rad^2/s^2]
@@ -124,7 +124,7 @@ def slewed(p: KernelPlan, square: Number) -> None:
 
 
 @inner
-def tip(p: KernelPlan) -> None:
+def tool_columns(p: KernelPlan) -> None:
     """Compute the columns of a force at the tool (`TipForce`): the joint torques by which the cylinders balance it.
 
     They are the torques per newton forwards (x) [m], per newton upwards (z) [m] and per newton metre of moment. With
@@ -146,7 +146,9 @@ def tip(p: KernelPlan) -> None:
 
 
 @inner
-def weigh(p: KernelPlan, column: Count, near: Count, far: Count, length: Number, up: Number, forward: Number) -> None:
+def bar_columns(
+    p: KernelPlan, column: Count, near: Count, far: Count, length: Number, up: Number, forward: Number
+) -> None:
     """Compute the column of a bar's weight (`RockerWeight`, `CylinderWeight`): the joint torques per kg m of the bar.
 
     The parameter is the bar's first moment about its near end. One kg m acts as a mass of 1/length [kg] at the far end
@@ -182,7 +184,7 @@ def weigh(p: KernelPlan, column: Count, near: Count, far: Count, length: Number,
 
 
 @inner
-def without_weight(p: KernelPlan, column: Count) -> None:
+def clear_columns(p: KernelPlan, column: Count) -> None:
     """Set the column of a bar's weight to zero in `p.momentum` and `p.static` (R, K): its linkage cannot be closed.
 
     column: number of the parameter
@@ -203,21 +205,21 @@ def cylinders(p: KernelPlan, up: Number, forward: Number) -> None:
     Read: motion of the links (`set_links`); `p.rocker`, `p.weight` (C,), columns of the weight of a four-bar's bars and
     of the cylinder, -1: none; `p.bars` (C, 6)
 
-    Written: `p.lever` (C, N) [m/rad], `p.speed` (C,) [m/s], `p.good` (C,) (`stretch`); columns of the weights in
+    Written: `p.lever` (C, N) [m/rad], `p.speed` (C,) [m/s], `p.good` (C,) (`move_cylinder`); columns of the weights in
     `p.momentum` and `p.static` (R, K)
     """
     for c in range(p.c):
-        closed = stretch(p, c)
+        closed = move_cylinder(p, c)
         if p.rocker[c] >= 0 and closed:
-            weigh(p, p.rocker[c], PIN, END, p.bars[BARS * c + ROCKER_LENGTH], up, forward)
+            bar_columns(p, p.rocker[c], PIN, END, p.bars[BARS * c + ROCKER_LENGTH], up, forward)
         elif p.rocker[c] >= 0:
-            without_weight(p, p.rocker[c])
+            clear_columns(p, p.rocker[c])
         if p.weight[c] >= 0 and closed:
             half = p.bars[BARS * c + HALF_LENGTH]
-            follow_line(p, half)  # the centre of the barrel
-            weigh(p, p.weight[c], FOOT, MIDDLE, half, up, forward)
+            move_barrel(p, half)  # the centre of the barrel
+            bar_columns(p, p.weight[c], FOOT, MIDDLE, half, up, forward)
         elif p.weight[c] >= 0:
-            without_weight(p, p.weight[c])
+            clear_columns(p, p.weight[c])
 
 
 @inner
@@ -306,9 +308,9 @@ def columns(p: KernelPlan) -> None:
         g, h = z * cos(pitch) + x * sin(pitch), x * cos(pitch) - z * sin(pitch)
     set_links(p, pitch, turning)
     p.torque[p.r] = slew * slew
-    rigid(p, g, h)
+    link_columns(p, g, h)
     if p.slewed_size:
-        slewed(p, slew * slew)
-    tip(p)
+        slewing_columns(p, slew * slew)
+    tool_columns(p)
     cylinders(p, g * cos(pitch) - h * sin(pitch), g * sin(pitch) + h * cos(pitch))
     forces(p)

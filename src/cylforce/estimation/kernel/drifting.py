@@ -219,12 +219,12 @@ def follow(
     """
     n, d = a.n, a.n - DRIFT
     for m in range(number):
-        listed_row(a, columns, a.good[m], m)
+        write_equation(a, columns, a.good[m], m)
     for i in range(n * n):
         a.matrix[i] = factor[i]
     for i in range(n):
         a.inverse[i] = right[i]
-    lose(a, number)
+    forget_along_rows(a, number)
     for i in range(n):  # a triangle again
         for j in range(n):
             a.row[j] = a.matrix[i * n + j]
@@ -237,12 +237,12 @@ def follow(
         for i in range(n):
             a.row[i] = a.rows[m * n + i] * weight
         rotate_row(a, update, observed * weight)
-    estimate(a, scale, update)
-    update[update_mass(a)] = smoothed(a, columns, mass, update)
+    estimate_drift(a, scale, update)
+    update[update_mass(a)] = smoothed_mass(a, columns, mass, update)
 
 
 @inner
-def listed_row(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None:
+def write_equation(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None:
     """Write the equation of one measured torque: its torque per unit of each of the N unknowns of the adaptation.
 
     The unknowns are the deviation of this return's carry-back from the usual one, as a load m, m x, m z, J (4); the
@@ -270,7 +270,7 @@ def listed_row(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None:
 
 
 @inner
-def lose(a: KernelDrift, number: Count) -> None:
+def forget_along_rows(a: KernelDrift, number: Count) -> None:
     """Forget a share 1 - `a.keep` of the information in the directions of the rows (`recursive.forget`).
 
     The directions are an orthonormal basis of R rows', with R the triangle. It is found by Gram and Schmidt, the
@@ -303,7 +303,7 @@ def lose(a: KernelDrift, number: Count) -> None:
             x[step * n + i] /= size
         for m in range(step + 1, 2 * number - step - 1):
             make_orthogonal(a, step, step + 1 + (m - step - 1) % (number - step - 1))
-        less_along(a, step)
+        forget_along(a, step)
 
 
 @inner
@@ -330,7 +330,7 @@ def make_orthogonal(a: KernelDrift, one: Count, other: Count) -> None:
 
 
 @inner
-def less_along(a: KernelDrift, m: Count) -> None:
+def forget_along(a: KernelDrift, m: Count) -> None:
     """Forget information in one direction: R <- (I - (1 - sqrt(keep)) q q') R, and so the right-hand side.
 
     m: number of the vector q in `a.basis` (R, N)
@@ -377,7 +377,7 @@ def rotate_row(a: KernelDrift, update: Numbers, observed: Number) -> None:
 
 
 @inner
-def estimate(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
+def estimate_drift(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
     """Compute the drift of friction and zeros from the information of all returns, with its covariance and its spread.
 
     It is (R'R + prior)^-1 (R'z + prior mean), limited to its physical range. The scale is the variance of this
@@ -391,7 +391,7 @@ def estimate(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
             and scale (2,) are written. z changes where the drift is limited
     """
     n, d, covariance, right = a.n, a.n - DRIFT, update_covariance(a), update_right(a)
-    inform(a, scale, update)
+    information_matrix(a, scale, update)
     invert(a.matrix, n, a.inverse, 0)
     for i in range(n):
         total = 0.0
@@ -408,12 +408,12 @@ def estimate(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
         for j in range(d):
             both = a.unit[DRIFT + i] * a.unit[DRIFT + j]
             update[covariance + i * d + j] = both * a.inverse[(DRIFT + i) * n + DRIFT + j]
-    rescale(a, update)
-    limit(a, update)
+    estimate_scale(a, update)
+    limit_drift(a, update)
 
 
 @inner
-def inform(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
+def information_matrix(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
     """Compute the information matrix (inverse covariance) of the N unknowns: R'R of the measured rows plus the priors.
 
     The unit of each unknown is its prior standard error `a.unit`. The prior of the usual carry-back is one then. That
@@ -439,7 +439,7 @@ def inform(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
 
 
 @inner
-def rescale(a: KernelDrift, update: Numbers) -> None:
+def estimate_scale(a: KernelDrift, update: Numbers) -> None:
     """Compute the variance of this machine's frictions and of its zeros, in units of the prior's.
 
     One step of expectation maximisation: (prior count + sum of (drift^2 + variance) / prior variance) / (prior count +
@@ -462,7 +462,7 @@ def rescale(a: KernelDrift, update: Numbers) -> None:
 
 
 @inner
-def limit(a: KernelDrift, update: Numbers) -> None:
+def limit_drift(a: KernelDrift, update: Numbers) -> None:
     """Limit the drift to its physical range, between `a.low` and `a.high` (D,) [N, N s/m, N].
 
     Where that changes it, the right-hand side z becomes R x, so that the information gives the limited x.
@@ -487,7 +487,7 @@ def limit(a: KernelDrift, update: Numbers) -> None:
 
 
 @inner
-def smoothed(a: KernelDrift, columns: Numbers, mass: Number, update: Numbers) -> Number:
+def smoothed_mass(a: KernelDrift, columns: Numbers, mass: Number, update: Numbers) -> Number:
     """Return the mass [kg] that the empty bucket would show without the adaptation, smoothed over updates.
 
     It is the mass of a load that best explains the torque of the drift, by least squares over the rows.
@@ -502,7 +502,7 @@ def smoothed(a: KernelDrift, columns: Numbers, mass: Number, update: Numbers) ->
     """
     square, product = 0.0, 0.0
     for r in range(a.r):
-        listed_row(a, columns, r, 0)
+        write_equation(a, columns, r, 0)
         load, torque = a.rows[0] / a.row_error[r], 0.0
         for i in range(a.n - DRIFT):
             torque += a.rows[DRIFT + i] * update[update_values(a) + i]

@@ -187,8 +187,8 @@ def take_frame(
 ) -> None:
     """Update the state with one frame: the rate of its PDO, its signals, and the counters of wrong lengths.
 
-    The rate shows whether a second producer sends the same PDO (`paced`). A frame that is too short has no values in
-    `raw`: all its signals are refused as SHORT.
+    The rate shows whether a second producer sends the same PDO (`update_rate`). A frame that is too short has no values
+    in `raw`: all its signals are refused as SHORT.
 
     t_us:   at which it was received [us]
     pdo:    number of its PDO
@@ -202,7 +202,7 @@ def take_frame(
     Read and written:
     state:  of signals, PDOs, nodes and counters (`layout.InputLayout`)
     """
-    paced(p, state, t_us, pdo)
+    update_rate(p, state, t_us, pdo)
     for slot in range(p.first[pdo], p.first[pdo + 1]):
         signal = SIGNAL * p.signal[slot]
         if sort < 0:
@@ -226,7 +226,7 @@ def nodes(p: KernelInputs) -> Count:
 
 
 @inner
-def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
+def update_rate(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
     """Update the rate of a PDO with one more frame, and from it whether a second node sends the same PDO.
 
     The surplus sums 1 - dt/period over the frames. For one producer it stays within the jitter, whatever the number of

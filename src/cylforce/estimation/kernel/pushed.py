@@ -15,7 +15,7 @@ from math import atan2, sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import KernelSolver, backward, factor, forward, invert
-from cylforce.estimation.kernel.weighed import loaded, quadratic
+from cylforce.estimation.kernel.weighed import columns_of_load, quadratic
 
 # Places in a published force.
 SHOWN_X: Count = 0
@@ -137,7 +137,7 @@ def push(
     copy_tare_columns(s, rows, columns)
     subtract_tares(s, rows, columns, drift, force)
     load_columns = s.work
-    loaded(s, s.tare_columns, s.p, load_columns)
+    columns_of_load(s, s.tare_columns, s.p, load_columns)
     for i in range(4 * s.r):
         force[load_columns_at(s) + i] = load_columns[i]
     delay_inertia(s, rows, change, load, noise_before, noise)
@@ -151,7 +151,7 @@ def push(
             amplitude += noise[reversing_at(s) + c] * s.dry[c] * abs(rows[levers + c * s.r + r])
         force[friction_at(s) + r] = amplitude * amplitude
     torque_covariance(s, force, noise)
-    solve(s, rows, columns, usable, force)
+    solve_force(s, rows, columns, usable, force)
     explain_by_weight(s, force)
     add_signal_errors(s, signal_torques, signals, force)
 
@@ -321,7 +321,7 @@ def tare_covariance(s: KernelSolver, r: Count, q: Count) -> Number:
 
 
 @inner
-def solve(s: KernelSolver, rows: Numbers, columns: Count, usable: Numbers, force: Numbers) -> None:
+def solve_force(s: KernelSolver, rows: Numbers, columns: Count, usable: Numbers, force: Numbers) -> None:
     """Compute the force at the tool by weighted least squares with its prior, from the usable rows.
 
     With L L' the covariance of the torques and A (R, T) the columns of the tool, (A' (L L')^-1 A + prior)^-1 is the

@@ -13,7 +13,7 @@ from cylforce.estimation.kernel.pushed import copy_tare_columns
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
 from cylforce.estimation.kernel.rows import slips
 from cylforce.estimation.kernel.solver import KernelSolver, invert
-from cylforce.estimation.kernel.weighed import add, explain, loaded, quadratic, together, without_load
+from cylforce.estimation.kernel.weighed import add, add_load, columns_of_load, explain, quadratic, without_load
 
 OF_LOAD: Count = 4  # parameters of a load
 
@@ -59,7 +59,7 @@ def gather(
     changes, errors, size = OF_LOAD, OF_LOAD + s.d, OF_LOAD + s.d + signals + 1
     load_columns, equation = s.short_work, s.work
     copy_tare_columns(s, rows, 0)
-    loaded(s, s.tare_columns, s.p, load_columns)
+    columns_of_load(s, s.tare_columns, s.p, load_columns)
     for r in range(s.r):
         variance, rest_variance = residual[variances + r], residual[rest_variances + r]
         if usable[r] != 0.0 and rest_variance < variance:
@@ -198,7 +198,7 @@ def torque_per_error(
     Written:
     torques:       (R, H) scale times the torque per error [N m/bar, N m/rad]
     """
-    together(s, load, 0, values)
+    add_load(s, load, 0, values)
     slips(p, channels, values, joints, angles, step, angle_torques)
     size = forces + angles
     for r in range(s.r):

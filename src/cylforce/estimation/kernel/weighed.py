@@ -87,7 +87,7 @@ def quadratic(s: KernelSolver, matrix: Numbers, matrix_at: Count, size: Count, x
 
 
 @inner
-def loaded(s: KernelSolver, columns: Numbers, size: Count, load_columns: Numbers) -> None:
+def columns_of_load(s: KernelSolver, columns: Numbers, size: Count, load_columns: Numbers) -> None:
     """Compute the torque (R, 4) of R measured joints per unit of a load (m, m x, m z, J about the last pin).
 
     A load adds to some of the P identified parameters (tares), so that its columns are sums of theirs.
@@ -170,7 +170,7 @@ def gate(
                       `rested` after this instant (R,)
     """
     load = s.short_work
-    loaded(s, rows, s.k, work)
+    columns_of_load(s, rows, s.k, work)
     load_at_drift(s, lift, drift, load)
     total, number, moving = 0.0, 0, 0
     for r in range(s.r):
@@ -290,17 +290,17 @@ def without_load(
     values:      (P,) tares with the load added
     """
     load_columns = s.work
-    loaded(s, rows, s.k, load_columns)
+    columns_of_load(s, rows, s.k, load_columns)
     for r in range(s.r):
         total = 0.0
         for i in range(4):
             total += load_columns[4 * r + i] * lift[VALUES + i]
         unexplained[r] = residual[r] - total
-    together(s, lift, VALUES, values)
+    add_load(s, lift, VALUES, values)
 
 
 @inner
-def together(s: KernelSolver, load: Numbers, load_place: Count, values: Numbers) -> None:
+def add_load(s: KernelSolver, load: Numbers, load_place: Count, values: Numbers) -> None:
     """Compute the parameters (P,) of machine and load together: the identified ones (tares) plus those of the load.
 
     Read:
