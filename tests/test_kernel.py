@@ -234,7 +234,7 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     new, found, wrong = room(unrest.size), room(35), rng.normal(size=(3, 2))
     before, after = np.zeros(columns.size + 3), (np.zeros(columns.size + cylinders), np.ones(9), np.zeros(4))
     rows = np.concatenate([before, columns.ravel(), torque, *after])
-    kernel.push(made, rows, good.astype(float), np.zeros(4), drift, wrong.ravel(), 2, unrest, new, found)
+    kernel.tool_force(made, rows, good.astype(float), np.zeros(4), drift, wrong.ravel(), 2, unrest, new, found)
     own, tool = columns[good, :size], columns[good][:, model.tool]
     left = tares.scale * (torque - columns[:, :size] @ tares.values - columns[:, model.changing] @ drift)
     errors = np.diag(1.0 + unrest[-3:] + (0.01 * left) ** 2)[np.ix_(good, good)]
@@ -315,7 +315,7 @@ def test_what_a_slipped_angle_adds_is_that_of_gravity_and_levers(kernel, name):
     wanted = np.array([(left(channels[: machine.size] + each) - left(channels[: machine.size])) / by for each in unit])
     found = room(len(rows) * machine.size)
     plan = making.plan(model, kernel.KernelPlan)
-    kernel.slips(plan, channels, values, making.counts(turned), machine.size, by, found)
+    kernel.angle_error_torques(plan, channels, values, making.counts(turned), machine.size, by, found)
     np.testing.assert_allclose(np.reshape(found, (len(rows), -1)), wanted[:, rows].T, rtol=1e-9, atol=1e-3)
 
 

@@ -233,7 +233,7 @@ class DriftFilter(Estimator):
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         c = self.constants
-        number = c.kernel.certain(c.plan, residual.rows, usable)
+        number = c.kernel.rows_for_drift(c.plan, residual.rows, usable)
         self.following = number > 0
         if not number:
             return
@@ -245,7 +245,9 @@ class DriftFilter(Estimator):
         after = ZERO * place.size
         instant = (residual.rows, residual.numbers, residual.wider)
         root = self.root
-        c.kernel.follow(c.plan, number, *instant, root.factor, root.right, self.values, self.scale, self.mass, after)
+        c.kernel.update_drift(
+            c.plan, number, *instant, root.factor, root.right, self.values, self.scale, self.mass, after
+        )
         self.root = Root(part(after, place.factor).reshape(n, n), part(after, place.right))
         self.values = part(after, place.values)
         self.covariance = part(after, place.covariance).reshape(d, d)

@@ -71,7 +71,7 @@ class PipelineConstants(Constants):
         channels = ZERO * self.sizes.channels
         for joint, cylinder, signal in self.by_length:
             channels[joint] = float(self.model.machine.joint_angle(cylinder, values[signal]))
-        if self.kernel.sense(self.sensors, values, channels):
+        if self.kernel.read_channels(self.sensors, values, channels):
             return Reason.TILT
         return channels if isfinite(sum(channels)) else Reason.END_STOP
 
@@ -84,7 +84,7 @@ class PipelineConstants(Constants):
         speed: (C,) of the cylinders [m/s]
         """
         found = ZERO * len(self.moved_by)
-        self.kernel.moves(speed, len(speed), MOVING, self.moved_by, len(self.moved_by), found)
+        self.kernel.moving_signals(speed, len(speed), MOVING, self.moved_by, len(self.moved_by), found)
         return found
 
 

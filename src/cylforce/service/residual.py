@@ -22,8 +22,8 @@ class InstantResidual:
     """Residual torque of the R measured joints at one instant, with its variance.
 
     rows:    columns (R, K), then torques (R,), then others, as the kernel keeps the rows of a step
-    numbers: four parts (`weighed.explain`): residual torque (R,) [N m]; its variance (R,) without friction at rest
-             [N^2 m^2]; variance (R,) of friction at rest [N^2 m^2]; columns (R, D) of the drift
+    numbers: four parts (`weighed.residual_torque`): residual torque (R,) [N m]; its variance (R,) without friction at
+             rest [N^2 m^2]; variance (R,) of friction at rest [N^2 m^2]; columns (R, D) of the drift
     wider:   (R,) added to the variance while the base rocks [N^2 m^2]
     """
 
@@ -59,7 +59,7 @@ def residual_of(kernel: Kernel, solver: KernelSolver, rows: Numbers, drift: Arra
     size:   R, number of measured torques
     """
     found = ZERO * ((3 + len(drift)) * size)
-    kernel.explain(solver, rows, drift, found)
+    kernel.residual_torque(solver, rows, drift, found)
     return InstantResidual(rows, found, ZERO * size)
 
 

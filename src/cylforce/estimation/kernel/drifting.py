@@ -160,7 +160,7 @@ def update_mass(a: KernelDrift) -> Count:
     return update_scale(a) + 2
 
 
-def certain(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
+def rows_for_drift(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
     """Return the number of rows (measured torques) with which the drift can be updated, and list them.
 
     A row is used if it is usable and in motion: less than the share `a.certain` of its lever has friction of unknown
@@ -185,7 +185,7 @@ def certain(a: KernelDrift, columns: Numbers, usable: Numbers) -> Count:
     return number
 
 
-def follow(
+def update_drift(
     a: KernelDrift,
     number: Count,
     columns: Numbers,
@@ -202,12 +202,13 @@ def follow(
 
     Recursive least squares: information is forgotten in the directions of the rows, then the rows are added.
 
-    number:        of rows that `certain` has listed
+    number:        of rows that `rows_for_drift` has listed
     mass:          that the empty bucket would show without the adaptation, before [kg]
 
     Read:
     columns:       (R, K) of the instant
-    residual:      of the instant with the drift so far (`weighed.explain`): (R,) torque [N m], (R,) variance [N^2 m^2]
+    residual:      of the instant with the drift so far (`weighed.residual_torque`): (R,) torque [N m], (R,) variance
+                   [N^2 m^2]
     base_variance: (R,) variance by a rocking base, added to that of each row [N^2 m^2]
     factor, right: triangle (N, N) and right-hand side (N,) of the information so far
     values:        (D,) drift so far: frictions [N, N s/m], zeros [N]

@@ -33,17 +33,19 @@ class Kernel(Protocol):
     def stepped(self, p: Inputs, state: Flat, found: Flat, /) -> None: ...
     def quantise(self, size: int, limits: Flat, values: Flat, sent: Counts, /) -> None: ...
     # plan.py
-    def sense(self, p: Sensors, values: Flat, into: Flat, /) -> int: ...
+    def read_channels(self, p: Sensors, values: Flat, into: Flat, /) -> int: ...
     # rows.py
     def advance(self, p: Plan, old: Flat, here: Flat, new: Flat, out: Flat, first: int, /) -> None: ...
     def state_size(self, p: Plan, /) -> int: ...
     def rows_size(self, p: Plan, /) -> int: ...
-    def slips(
+    def angle_error_torques(
         self, p: Plan, channels: Flat, values: Flat, joints: Counts, size: int, step: float, torques: Flat, /
     ) -> None: ...
-    def moves(self, speed: Flat, size: int, least: float, by: Counts, signals: int, found: Flat, /) -> None: ...
+    def moving_signals(
+        self, speed: Flat, size: int, least: float, by: Counts, signals: int, found: Flat, /
+    ) -> None: ...
     # weighed.py
-    def explain(self, s: Solver, rows: Flat, drift: Flat, residual: Flat, /) -> None: ...
+    def residual_torque(self, s: Solver, rows: Flat, drift: Flat, residual: Flat, /) -> None: ...
     def gate(
         self,
         s: Solver,
@@ -89,11 +91,11 @@ class Kernel(Protocol):
         `conclusion` is written: mass [kg], centre [m], their standard errors. Shapes and units:
         `weighed.weigh_load`."""
 
-    def without_load(
+    def unexplained_torque(
         self, s: Solver, rows: Flat, residual: Flat, lift: Flat, unexplained: Flat, values: Flat, /
     ) -> None: ...
     # pushed.py
-    def push(
+    def tool_force(
         self,
         s: Solver,
         rows: Flat,
@@ -112,9 +114,9 @@ class Kernel(Protocol):
         Read are `rows` (columns and measured torques [N m]), which are `usable`, the `load` in the bucket (m, m x, m z,
         J), the `drift` of friction and zeros, `signal_torques` [N m] by the probable error of each of `signals`
         signals, and the errors of the torques before this instant (`noise_before`). These errors after it (`noise`) and
-        the `force` are written. Shapes and units: `pushed.push`."""
+        the `force` are written. Shapes and units: `pushed.tool_force`."""
 
-    def show(
+    def published_forces(
         self,
         s: Solver,
         force: Flat,
@@ -126,15 +128,15 @@ class Kernel(Protocol):
         ground: Flat,
         /,
     ) -> None:
-        """Compute the two published forces, resultant and force of the ground, from the result `force` of `push`.
+        """Compute the two published forces, resultant and force of the ground, from the result `force` of `tool_force`.
 
         The force of the ground is the resultant less that of the `load` (m, m x, m z, J) with `load_covariance`; unless
         `load_known`, it is the resultant less the weight of the mass that explains most of it. `clear` is the ratio of
         a force to its standard error across, above which its direction is certain. `resultant` and `ground` are
-        written: components [N], direction [rad], standard errors. Shapes: `pushed.show`."""
+        written: components [N], direction [rad], standard errors. Shapes: `pushed.published_forces`."""
 
-    def learn(self, s: Solver, force: Flat, good: Flat, load: Flat, noise: Flat, /) -> None: ...
-    def fill(self, covariance: Flat, full: Flat, share: float, result: Flat, /) -> None: ...
+    def learn_noise(self, s: Solver, force: Flat, good: Flat, load: Flat, noise: Flat, /) -> None: ...
+    def widen_load(self, covariance: Flat, full: Flat, share: float, result: Flat, /) -> None: ...
     # recognised.py
     def gather(
         self,
@@ -212,7 +214,7 @@ class Kernel(Protocol):
         present `channels` with the `load` in the bucket. `values` and `angle_torques` are room. Shapes and units:
         `recognised.torque_per_error`."""
 
-    def rock(
+    def rocking_variance(
         self,
         p: Plan,
         s: Solver,
@@ -237,7 +239,8 @@ class Kernel(Protocol):
         While `learning`, the `variances` of the base's accelerations [m^2/s^4] move by `share` towards what the torque
         shows that the load of the `lift` does not explain (`rows`, `residual` at these `channels`), unless its misfit
         exceeds `largest_misfit`. `prior` is the prior information on an acceleration, `tilt_variance` the least
-        variance, from the tilt. `unexplained`, `values` and `levers` are room. Shapes and units: `recognised.rock`."""
+        variance, from the tilt. `unexplained`, `values` and `levers` are room. Shapes and units:
+        `recognised.rocking_variance`."""
 
     def turn_force(
         self, p: Plan, channels: Flat, x: float, z: float, joints: Counts, angles: int, first: int, torques: Flat, /
@@ -261,8 +264,8 @@ class Kernel(Protocol):
         load. `memory` samples count as one; `work` is room. Shapes and units: `recognised.mass_slopes`."""
 
     # drifting.py
-    def certain(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
-    def follow(
+    def rows_for_drift(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
+    def update_drift(
         self,
         a: Drift,
         number: int,
@@ -279,13 +282,13 @@ class Kernel(Protocol):
     ) -> None:
         """Update the drift of frictions and pressure zeros with one instant of an empty bucket.
 
-        Read are the instant's `columns` and `residual` torques of the `number` rows that `certain` listed, the variance
-        by a rocking base (`base_variance`), and from the last update the information (`factor`, `right`), the drift
-        (`values`), the `scale` of its spread, and the `mass` [kg] that the empty bucket would show. `update` is
-        written, with the same parts. Shapes and units: `drifting.follow`."""
+        Read are the instant's `columns` and `residual` torques of the `number` rows that `rows_for_drift` listed, the
+        variance by a rocking base (`base_variance`), and from the last update the information (`factor`, `right`), the
+        drift (`values`), the `scale` of its spread, and the `mass` [kg] that the empty bucket would show. `update` is
+        written, with the same parts. Shapes and units: `drifting.update_drift`."""
 
     # pressures.py
-    def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
+    def may_step(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
     def certain_steps(
         self,
         p: int,
@@ -312,8 +315,8 @@ class Kernel(Protocol):
         freedom. The log likelihood ratio must exceed `least`. `pairs` lists `swaps` swaps of at most `most` pairs.
         `products` and `misfit` are written. Shapes and units: `pressures.certain_steps`."""
 
-    def group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
-    def compare(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
+    def add_group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
+    def compare_groups(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
     def update_noise(
         self,
         p: int,

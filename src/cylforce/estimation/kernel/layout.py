@@ -163,7 +163,7 @@ class ConclusionLayout:
 
 
 class DriftLayout:
-    """Places in an update of D drifts (`drifting.follow`), of which the information has N unknowns.
+    """Places in an update of D drifts (`drifting.update_drift`), of which the information has N unknowns.
 
     factor:     (N, N) triangle R of the information R'R
     right:      (N,) right-hand side beside it
@@ -188,7 +188,7 @@ class DriftLayout:
 
 
 class ResidualLayout:
-    """Places in the residual of R rows (`weighed.explain`).
+    """Places in the residual of R rows (`weighed.residual_torque`).
 
     torque:   (R,) residual torque of tares and drift [N m]
     variance: (R,) without friction at rest [N^2 m^2]
@@ -268,7 +268,7 @@ class InputLayout:
 
 
 class ForceLayout:
-    """Places in the force of R rows (`pushed.push`).
+    """Places in the force of R rows (`pushed.tool_force`).
 
     x, z:       force at the tool [N]
     xx, xz, zz: its covariance [N^2]

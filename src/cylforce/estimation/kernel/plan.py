@@ -205,7 +205,7 @@ class KernelSensors:
         self.areas = as_numbers(areas[0])
 
 
-def sense(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
+def read_channels(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
     """Compute the channels from the values of all signals, and return how many tilts of the chassis are too large.
 
     The D channels are N joint angles [rad], C cylinder forces [N], then motion of the base: with an inertial sensor its

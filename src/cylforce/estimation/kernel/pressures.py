@@ -22,7 +22,7 @@ WHITE: Count = 3  # variance of the white part of the noise [Pa^2]
 CODES: Count = 2  # readings with no more different values than this show the sensor's resolution, not its noise
 
 
-def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Count:
+def may_step(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Count:
     """Return 1 if one of the P pressures steps at a reading by more than its gate, else 0.
 
     Its change must also exceed by the gate the change that the readings around it predict.
@@ -178,7 +178,7 @@ def unlikely(squares: Number, noise: Number, free: Number, known: Number) -> Num
     return 0.5 * (free + known) * log(max((known + squares / noise) / (known + free), 1.0))
 
 
-def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
+def add_group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
     """Add a group of readings to the tables of groups, for each pressure with |way| > moves; the oldest is dropped.
 
     p:        P, number of pressures
@@ -250,7 +250,7 @@ def ranked(x: Numbers, begin: Count, step: Count, size: Count, above: Number, pl
     return work[place]
 
 
-def compare(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
+def compare_groups(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
     """Compare the variance between groups with the noise within them; return the number of pressures compared.
 
     A pressure is compared if there are G groups, at least EACH_WAY of them in either direction of its cylinder. A

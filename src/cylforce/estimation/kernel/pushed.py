@@ -88,7 +88,7 @@ def learned_at(s: KernelSolver) -> Count:
     return s.r * s.r + s.c
 
 
-def push(
+def tool_force(
     s: KernelSolver,
     rows: Numbers,
     usable: Numbers,
@@ -412,7 +412,7 @@ def subtract_load(s: KernelSolver, force: Numbers, load: Numbers, load_covarianc
             soil[2 + 2 * i + j] = total
 
 
-def show(
+def published_forces(
     s: KernelSolver,
     force: Numbers,
     load: Numbers,
@@ -431,7 +431,7 @@ def show(
     clear:             ratio of a force's size to its standard error across, above which its direction is certain
 
     Read:
-    force:             result of `push` (`layout.ForceLayout`)
+    force:             result of `tool_force` (`layout.ForceLayout`)
     load:              (4,) m, m x, m z, J in the bucket [kg, kg m, kg m, kg m^2]
     load_covariance:   (4, 4) of the load
 
@@ -484,14 +484,15 @@ def publish(
     shown[SHOWN_LARGEST] = size
 
 
-def learn(s: KernelSolver, force: Numbers, good: Numbers, load: Numbers, noise: Numbers) -> None:
+def learn_noise(s: KernelSolver, force: Numbers, good: Numbers, load: Numbers, noise: Numbers) -> None:
     """Update the learned variances of the rows after an instant in the air, where the load explains the whole torque.
 
     v <- v (1 + (e - 1) / learning), with e the squared residual over its variance, at most `s.largest`. The variance
     is at least that with which the identified machine was fitted (`s.row_error` squared).
 
     Read:
-    force: result of `push` (`layout.ForceLayout`): residual torque (R,), variance of friction (R,), columns of the load
+    force: result of `tool_force` (`layout.ForceLayout`): residual torque (R,), variance of friction (R,), columns of
+           the load
     good:  (R,) 1 for the rows to learn from, else 0
     load:  (4,) m, m x, m z, J in the bucket [kg, kg m, kg m, kg m^2]
 
@@ -510,7 +511,7 @@ def learn(s: KernelSolver, force: Numbers, good: Numbers, load: Numbers, noise: 
         noise[learned_at(s) + r] = max(variance, s.row_error[r] * s.row_error[r])
 
 
-def fill(covariance: Numbers, full: Numbers, share: Number, result: Numbers) -> None:
+def widen_load(covariance: Numbers, full: Numbers, share: Number, result: Numbers) -> None:
     """Compute the covariance of a load in a bucket that may have gained a part of a full one: C + (share full)(share
     full)'.
 

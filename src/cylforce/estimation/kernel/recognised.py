@@ -4,16 +4,23 @@ of each signal (`service.plausibility.blocks` and `undetected`). Also the motion
 
 Sizes: R rows (measured torques), K columns of all effects, P tares, D drifting frictions and pressure zeros, H signals
 whose errors are examined. A load is (m, m x, m z, J): mass [kg], first moments [kg m] and inertia [kg m^2] about the
-last pin. A residual is the result of `weighed.explain`."""
+last pin. A residual is the result of `weighed.residual_torque`."""
 
 from math import cos, sin, sqrt
 
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.pushed import copy_tare_columns
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
-from cylforce.estimation.kernel.rows import slips
+from cylforce.estimation.kernel.rows import angle_error_torques
 from cylforce.estimation.kernel.solver import KernelSolver, invert
-from cylforce.estimation.kernel.weighed import add, add_load, columns_of_load, explain, quadratic, without_load
+from cylforce.estimation.kernel.weighed import (
+    add,
+    add_load,
+    columns_of_load,
+    quadratic,
+    residual_torque,
+    unexplained_torque,
+)
 
 OF_LOAD: Count = 4  # parameters of a load
 
@@ -144,7 +151,7 @@ def gather_block(
     error_torques:    (R, H) residual torque per unit of each signal's error [N m]
 
     Written, room for intermediate results:
-    residual:         (3 + D, R) result of `weighed.explain`
+    residual:         (3 + D, R) result of `weighed.residual_torque`
     change:           (D,) daily change of frictions and zeros, the unit of their coefficients (`daily_change`)
     friction_drift:   (D,) the drift with 0 for the zeros
 
@@ -154,7 +161,7 @@ def gather_block(
     daily_change(s, drift_covariance, stroke_errors, frictions, unknown, change)
     for i in range(s.d):
         friction_drift[i] = drift[i] if i < frictions else 0.0
-    explain(s, rows, friction_drift, residual)
+    residual_torque(s, rows, friction_drift, residual)
     return gather(s, rows, residual, usable, change, error_torques, signals, memory, gram)
 
 
@@ -199,7 +206,7 @@ def torque_per_error(
     torques:       (R, H) scale times the torque per error [N m/bar, N m/rad]
     """
     add_load(s, load, 0, values)
-    slips(p, channels, values, joints, angles, step, angle_torques)
+    angle_error_torques(p, channels, values, joints, angles, step, angle_torques)
     size = forces + angles
     for r in range(s.r):
         for i in range(forces):
@@ -293,7 +300,7 @@ def mass_slopes(
         slopes[h] = total
 
 
-def rock(
+def rocking_variance(
     p: KernelPlan,
     s: KernelSolver,
     rows: Numbers,
@@ -340,7 +347,7 @@ def rock(
     Written:
     base_variance:  (R,) variance added to each row [N^2 m^2]
     """
-    without_load(s, rows, residual, lift, unexplained, values)
+    unexplained_torque(s, rows, residual, lift, unexplained, values)
     pin_levers(p, channels, values, levers)
     if learning:
         accelerate(s, residual, tilt_variance, share, largest_misfit, prior, unexplained, levers, variances)

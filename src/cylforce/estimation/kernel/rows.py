@@ -376,7 +376,7 @@ def instant_columns(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, fir
         out[change + place] = (rate - old[state + 2 * size]) / dt
 
 
-def slips(
+def angle_error_torques(
     p: KernelPlan, channels: Numbers, values: Numbers, joints: Counts, size: Count, step: Number, torques: Numbers
 ) -> None:
     """Compute the error of the residual torque of a machine at rest by a reading of a joint's angle that is too large.
@@ -417,7 +417,7 @@ def slips(
                     torques[p.row[j] * size + s - 1] = (residual - p.torque[p.row[j]]) / step
 
 
-def moves(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, found: Numbers) -> None:
+def moving_signals(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, found: Numbers) -> None:
     """Compute which signals should change, because the cylinder that changes them moves.
 
     size:    C, number of cylinders

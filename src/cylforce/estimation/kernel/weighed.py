@@ -26,7 +26,7 @@ DRIFT_MOMENT: Count = 6
 SENSITIVITY: Count = 7
 
 
-def explain(s: KernelSolver, rows: Numbers, drift: Numbers, residual: Numbers) -> None:
+def residual_torque(s: KernelSolver, rows: Numbers, drift: Numbers, residual: Numbers) -> None:
     """Compute the residual torque of R measured torques at one instant: scale (torque - W tares - W_D drift).
 
     W tares is the torque of the empty machine with its identified parameters, W_D drift that of their changes since. Of
@@ -155,8 +155,8 @@ def gate(
 
     Read:
     rows:             (R, K) columns; then (R,) measured torques [N m]
-    residual:         of the instant (`explain`): (R,) torque [N m], (R,) variance, (R,) variance of friction at rest
-                      [N^2 m^2], (R, D) columns of the drift
+    residual:         of the instant (`residual_torque`): (R,) torque [N m], (R,) variance, (R,) variance of friction at
+                      rest [N^2 m^2], (R, D) columns of the drift
     base_variance:    (R,) variance by a rocking base, added to that of each row [N^2 m^2]
     usable:           (R,) 1 where a row can be used, else 0
     rested:           (R,) steps for which each row has been at rest, less those in motion since
@@ -211,7 +211,7 @@ def take(
 
     Read:
     rows:     (R, K) columns; then (R,) measured torques [N m]
-    residual: of the instant (`explain`), of which only the columns (R, D) of the drift are used
+    residual: of the instant (`residual_torque`), of which only the columns (R, D) of the drift are used
     work:     results of `gate` (`GateLayout`): columns of the load (R, 4), torque before the drift is subtracted (R,)
               [N m], its variance (R,) [N^2 m^2], 1 where a row is to be taken (R,)
 
@@ -252,8 +252,8 @@ def weigh_load(
 
     Read:
     rows:             (R, K) columns; then (R,) measured torques [N m]
-    residual:         of the instant (`explain`): (R,) torque [N m], (R,) variance, (R,) variance of friction at rest
-                      [N^2 m^2], (R, D) columns of the drift
+    residual:         of the instant (`residual_torque`): (R,) torque [N m], (R,) variance, (R,) variance of friction at
+                      rest [N^2 m^2], (R, D) columns of the drift
     base_variance:    (R,) variance by a rocking base, added to that of each row [N^2 m^2]
     usable:           (R,) 1 where a row can be used, else 0
     rested:           (R,) steps for which each row has been at rest, less those in motion since
@@ -274,7 +274,7 @@ def weigh_load(
     return fits
 
 
-def without_load(
+def unexplained_torque(
     s: KernelSolver, rows: Numbers, residual: Numbers, lift: Numbers, unexplained: Numbers, values: Numbers
 ) -> None:
     """Compute the torque of an instant that the load of a lift does not explain either, and the parameters of machine
@@ -282,7 +282,7 @@ def without_load(
 
     Read:
     rows:        (R, K) columns; then (R,) measured torques [N m]
-    residual:    of the instant (`explain`), of which only the (R,) torque [N m] is used
+    residual:    of the instant (`residual_torque`), of which only the (R,) torque [N m] is used
     lift:        state of the lift (`LiftLayout`), of which the load (4,) is used
 
     Written:

@@ -90,5 +90,5 @@ class CarriedFilter(Estimator):
         if not self.filling:
             return self.weighed
         found, c = ZERO * 16, self.constants
-        c.kernel.fill(self.weighed, c.full, min(self.filling / FILLING_S, 1.0), found)
+        c.kernel.widen_load(self.weighed, c.full, min(self.filling / FILLING_S, 1.0), found)
         return found

@@ -120,7 +120,9 @@ class TorqueNoise(Estimator):
         c, place = self.constants, self.constants.layout
         after, found = ZERO * len(self.numbers), ZERO * place.size
         errors = undetected.shape[1]
-        c.kernel.push(c.solver, instant.numbers, usable, load, drift, undetected, errors, self.numbers, after, found)
+        c.kernel.tool_force(
+            c.solver, instant.numbers, usable, load, drift, undetected, errors, self.numbers, after, found
+        )
         self.numbers = after
         return SolvedForce(
             found[place.x],
@@ -140,7 +142,7 @@ class TorqueNoise(Estimator):
         load:   (4,) in the bucket: m, m x, m z, J about the last pin [kg, kg m, kg m, kg m^2]
         good:   (R,) 1 for the rows to learn from, else 0
         """
-        self.constants.kernel.learn(self.constants.solver, solved.numbers, good, load, self.numbers)
+        self.constants.kernel.learn_noise(self.constants.solver, solved.numbers, good, load, self.numbers)
 
     def show(
         self, solved: SolvedForce, load: Numbers, covariance: Numbers, late: tuple[float, float], *, loaded: bool
@@ -162,5 +164,5 @@ class TorqueNoise(Estimator):
         numbers[place.wider_xz] += late_x * late_z
         numbers[place.wider_zz] += late_z * late_z
         resultant, soil = ZERO * SHOWN, ZERO * SHOWN
-        c.kernel.show(c.solver, numbers, load, covariance, loaded, CLEAR, resultant, soil)
+        c.kernel.published_forces(c.solver, numbers, load, covariance, loaded, CLEAR, resultant, soil)
         return resultant, soil

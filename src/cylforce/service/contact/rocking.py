@@ -116,7 +116,7 @@ class BaseFilter(Estimator):
         """Update the variances of the accelerations, and the variance that they add to each row.
 
         They follow from a mean pitch of the last steps and, if all rows are usable, from the torques that a settled
-        load does not explain (`recognised.rock`).
+        load does not explain (`recognised.rocking_variance`).
 
         residual: residual torque of the instant: measured less that of the empty machine and the drift [N m]
         channels: (D,), of which the last three are pitch, roll [rad] and slew rate
@@ -131,7 +131,7 @@ class BaseFilter(Estimator):
         instant = (residual.rows, residual.numbers, lift.numbers, channels, settled and all(usable), swings)
         room = (ZERO * rows, ZERO * c.parameters, ZERO * (2 * rows))
         limits = (c.share, FITS, 1.0 / WIDEST**2)
-        c.kernel.rock(c.plan, c.solver, *instant, *limits, *room, accelerations, wider)
+        c.kernel.rocking_variance(c.plan, c.solver, *instant, *limits, *room, accelerations, wider)
         self.forward, self.upward = accelerations
         self.wider = wider
 

@@ -125,7 +125,7 @@ class GroupStatistics(Estimator):
         """
         size = len(c.signals)
         begin = len(readings) // size - GROUP
-        c.kernel.group(size, readings, begin, way, MOVES, self.groups)
+        c.kernel.add_group(size, readings, begin, way, MOVES, self.groups)
         group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
         means_and_variances = np.ascontiguousarray(np.frombuffer(self.groups).reshape(4, GROUPS, size)[:2])
         chosen = (means_and_variances, GROUPS, np.asarray(which, dtype=np.float64), c.stated)
@@ -249,7 +249,7 @@ class PressureGroups(Estimator):
             self.rest.take(c, self.readings, array("d", rested.astype(np.float64).tobytes()), rested)
         self.rest.last_longer(moved)
         ratios = ZERO * (2 * size)
-        if c.kernel.compare(size, self.motion.groups, ZERO * GROUPS, ratios):
+        if c.kernel.compare_groups(size, self.motion.groups, ZERO * GROUPS, ratios):
             self.ratios = ratios
             varied, coloured = np.frombuffer(ratios).reshape(2, size)
             changes = (varied > CHANGES) | ((varied >= 0.0) & (coloured > COLOURED))

@@ -419,7 +419,7 @@ class PressureStep(Detector):
         last = len(self.readings) // size - AFTER
         # one late reading farther away hardly changes a curve
         sound = not self.late & BESIDE and self.late.bit_count() <= 1
-        if last < BEFORE or not sound or not test.kernel.suspicious(size, self.readings, last, test.gate):
+        if last < BEFORE or not sound or not test.kernel.may_step(size, self.readings, last, test.gate):
             return
         suspicion = test.suspicion(np.frombuffer((self.before + self.readings)[-LONGEST * size :]).reshape(-1, size))
         if suspicion.level is not Level.FINE:
