@@ -376,10 +376,10 @@ class WeighingService(Estimator):
         return self.estimate
 
     def _hold_or_restart(self, sample: Sample, channels: Numbers | Reason) -> None:
-        """Hold the last estimate, or restart the filters, at a tick that is not one step after the last usable sample.
+        """Hold the last estimate, or restart the filters, at a tick whose sample cannot follow the last one.
 
-        The estimate is held where a value is late. The filters restart where a signal is not usable, where ticks are
-        missing, and at the first sample.
+        The estimate is held where a value is late. The filters restart where a signal is not usable, where the tick is
+        too early or too late, and at the first sample.
 
         sample:   of the tick
         channels: (D,) joint angles [rad], cylinder forces [N] and attitude from the sample, or the reason why there are

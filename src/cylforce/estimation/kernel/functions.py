@@ -335,7 +335,7 @@ class Kernel(Protocol):
     ) -> None:
         """Update the noise of those of `p` pressures whose cylinder `moved`, with one group of `size` readings [Pa].
 
-        A noise is gone if it is smaller than the `limits` limits in `quiet`, shares of the earlier noise, whose first
-        decile is `tenth` of it. Read are means and variances of the last `number` `groups` and the `stated` variances
-        of the sensors [Pa^2]. `work` is room, `state` is updated: noise of earlier groups, number of groups since it is
-        gone. Shapes: `pressures.update_noise`."""
+        A noise is gone if the last groups vary less than the `limits` limits in `quiet`, shares of the noise before;
+        `tenth` is the first decile of the noise of groups as a share of the white noise. Read are means and variances
+        of the last `number` `groups` and the `stated` variances of the sensors [Pa^2]. `work` is room, `state` is
+        updated: noise of earlier groups, number of groups since it is gone. Shapes: `pressures.update_noise`."""

@@ -75,7 +75,7 @@ def certain_steps(
     known:     degrees of freedom of the noise known from before
     least:     log likelihood ratio [nats]
     swaps:     E, number of swaps
-    most:      M, largest number of pressures in one of them
+    most:      M, largest number of pairs in one of them
 
     Read:
     readings:  (T, P) [Pa]

@@ -10,7 +10,7 @@ from cylforce.service.snapshot import Estimator
 
 
 def wait_s(filters: Filters, period_s: float) -> float:
-    """Return the mean time [s] from a signal on the bus to the value that is published from it, without filters.
+    """Return the mean time [s] from a change at a sensor to the value published from it, without that of the filters.
 
     A signal waits half a step until it is measured and one step until it is used, the result until it is published.
 

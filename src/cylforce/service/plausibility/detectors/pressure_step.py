@@ -435,7 +435,8 @@ class PressureStep(Detector):
         """Update the votes against the suspicion with a second of motion, and end the suspicion with enough of them.
 
         A suspected step loses by twice the log likelihood ratio of the second without and with it. Suspected swaps lose
-        by each second in a row that a load explains. A step that is not confirmed ends after KEPT_SECONDS seconds.
+        by each second in a row that a load explains. A step that is not confirmed ends after KEPT_SECONDS seconds of
+        motion, at least VOTES of them in the air.
 
         block: evidence of the second about the errors of the signals
         """

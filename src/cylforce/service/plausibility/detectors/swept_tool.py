@@ -86,7 +86,7 @@ class SweptTool(Detector):
             self.report = SensorSuspicion(level, SensorFault.CONTRADICTS_MOTION, self.constants.pressures)
 
     def slew(self, smooth: Array) -> None:
-        """Add the angle by which the house slewed since the last sample to the running block [rad].
+        """Add the angle by which the house slewed since the last sample, either way, to the running block [rad].
 
         Without a slew sensor nothing is added.
 
