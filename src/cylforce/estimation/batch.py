@@ -249,7 +249,10 @@ def _trust(data: Factors, values: Array) -> Array:
     """Return the weight (B, R) of every block of each of R rows, by its residuals at the parameters `values` (K,).
 
     It is 1, and less for a mean squared residual above OUTLIER times the row's median, so that weight^2 * square stays
-    at that bound."""
+    at that bound. A disturbed block (contact, a bump) then counts less in the fit.
+
+    data: B blocks of rows of R measured torques
+    """
     mean = residual_squares(data, values) / np.maximum(data.samples, 1.0)
     typical = np.array(
         [np.median(m[n > 0]) if np.any(n > 0) else 1.0 for m, n in zip(mean.T, data.samples.T, strict=True)]

@@ -95,8 +95,9 @@ class Recognizer(Estimator):
 
     @classmethod
     def start(cls, constants: RecognizerConstants) -> Self:
-        """Return the state before any sample: no block of motion compared, no sign of another machine than the
-        identified one."""
+        """Return the state before any sample: no block of motion compared, no sign of another machine.
+
+        The rows of a block have K columns: load (4), changes of friction and zeros (D), residual (1)."""
         return cls(
             constants,
             gram=ZERO * constants.size**2,
