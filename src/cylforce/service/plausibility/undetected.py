@@ -80,7 +80,8 @@ class UndetectedErrors(Estimator):
     def end_lift(self) -> None:
         """Begin another lift, because the present one has ended or the measurement stopped.
 
-        The products of the ended lift's rows are added to those of earlier lifts, with its load eliminated."""
+        The products of the ended lift's rows in motion (measured torques, and the columns that explain them) are added
+        to those of earlier lifts, with the load eliminated."""
         self.before = self.before + self._without_load(self.lift)
         self.of_lift, self.of_before = 0.0, self.of_lift + self.of_before
         self.lift, self.taken = np.zeros_like(self.lift), 0

@@ -131,7 +131,8 @@ class StepTest:
     def _stepped(self, window: Array, earlier: Array) -> SensorSuspicion:
         """Return the suspicion of the pressure that stepped alone; NOTHING_SUSPECTED if none did.
 
-        A curve with a step must explain it much better than one without, and better than a blow to all pressures.
+        A smooth curve with a step after BEFORE readings must explain it much better than one without the step, and
+        better than a blow to all pressures. The step is the last of the orthonormal `curves`.
 
         window:  (WINDOW, P) last readings [Pa]
         earlier: (T, P) readings before them [Pa]
