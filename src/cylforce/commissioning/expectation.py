@@ -11,7 +11,7 @@ import numpy as np
 from cylforce.estimation.channels import Moved
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import REST_SECONDS, Residual, correlated, load_spread, residual
+from cylforce.estimation.residual import REST_SECONDS, Residual, correlated_samples, load_spread, residual
 from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, joint_angles, working_range
@@ -104,7 +104,7 @@ def _weight(model: Model, rows: Residual, correlation: float) -> Array:
     variance.
     """
     f = model.filters
-    variance = correlated(f, correlation) * rows.variance + REST_SECONDS * f.rate_hz * rows.rest
+    variance = correlated_samples(f, correlation) * rows.variance + REST_SECONDS * f.rate_hz * rows.rest
     return np.asarray(np.where(np.isfinite(variance), WEIGHED_S * f.rate_hz / POINTS / variance, 0.0))
 
 

@@ -76,7 +76,7 @@ def by_load(model: Model, values: Array) -> Array:
     return np.array([0.0 if k is None else max(float(values[k]), 0.0) for k in places])
 
 
-def correlated(filters: Filters, seconds: float = 0.0) -> float:
+def correlated_samples(filters: Filters, seconds: float = 0.0) -> float:
     """Return the number of consecutive samples that count as one independent sample.
 
     It is the correlation time of the filters, or the longer one that was measured of the residual.

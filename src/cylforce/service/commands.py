@@ -192,7 +192,7 @@ def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str,
     return tools[number], Answer(DONE, f"attachment {tools[number]} chosen: zero and tare are 0")
 
 
-def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
+def book_by_hand(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
     """Return the booking by hand of a bucket that was not weighed (None: refused), and the truck with it.
 
     data:  the four bytes that were written: the mass as a signed little-endian integer of KG = 0.1 kg

@@ -17,7 +17,7 @@ from cylforce.estimation.kernel.functions import Kernel
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.residual import correlated, load_spread
+from cylforce.estimation.residual import correlated_samples, load_spread
 from cylforce.service.residual import InstantResidual
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.estimate import Array
@@ -57,7 +57,7 @@ class RecognizerConstants(Constants):
         self.solver = solver(model, tares, self.kernel)
         zeros = [SHIFT * c.area_head for c in model.machine.cylinders]
         self.spread = np.concatenate([FRICTION * np.abs(tares.values[model.changing_friction]), zeros])
-        self.memory = correlated(model.filters)
+        self.memory = correlated_samples(model.filters)
         self.prior = np.diag(load_spread(model.machine) ** -2.0)
         self.size = LOAD + len(self.spread) + 1
         self.block = BLOCK_SECONDS * model.filters.rate_hz

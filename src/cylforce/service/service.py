@@ -286,7 +286,7 @@ class WeighingService(Estimator):
 
         data: the four bytes that were written, the mass as a signed integer of 0.1 kg
         """
-        made, ruling = commands.added(data, self.bookings.booking, self.estimate.t_us, self.truck)
+        made, ruling = commands.book_by_hand(data, self.bookings.booking, self.estimate.t_us, self.truck)
         if made is not None:
             self.bookings.booking, self.bookings.dumped, self.truck = made, None, ruling.truck
         return Answer(ruling.verdict, ruling.words)

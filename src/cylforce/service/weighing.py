@@ -20,7 +20,7 @@ from cylforce.estimation.residual import (
     MIN_SECONDS,
     REST_SECONDS,
     Residual,
-    correlated,
+    correlated_samples,
     load_spread,
 )
 from cylforce.service.adaptation import DriftKnowledge, no_drift
@@ -77,7 +77,7 @@ class LoadConstants(Constants):
         """
         rate_hz = model.filters.rate_hz
         self.model, self.tares, self.kernel = model, tares, kernel or choice.chosen()
-        self.memory = correlated(model.filters, tares.correlation)
+        self.memory = correlated_samples(model.filters, tares.correlation)
         self.fading_samples = FORGET_SECONDS * rate_hz
         self.refused_samples = PATIENCE_S * rate_hz
         self.settled_samples = MIN_SECONDS * rate_hz

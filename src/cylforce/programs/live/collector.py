@@ -18,7 +18,7 @@ from cylforce.service import commands
 from cylforce.service.assembler import assembler
 from cylforce.service.commands import Answer
 from cylforce.service.loading.truck import NOT_NOW
-from cylforce.service.samples import is_whole, skipped
+from cylforce.service.samples import is_whole, missing_rows
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Frame
@@ -83,7 +83,7 @@ class Taker:
         if self.sample is None:
             self.whole_us = self.moved_us = t_us
         else:
-            self.rows += [self._missing] * skipped(t_us - self.sample.t_us, period_us)
+            self.rows += [self._missing] * missing_rows(t_us - self.sample.t_us, period_us)
         self.sample = self._inputs.sample(t_us)
         whole = is_whole(self.sample)
         self.rows.append(self.sample.values if whole else self._missing)

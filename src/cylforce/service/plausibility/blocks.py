@@ -17,7 +17,7 @@ from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import EXPECTED, Model, Tares
-from cylforce.estimation.residual import correlated, load_spread
+from cylforce.estimation.residual import correlated_samples, load_spread
 from cylforce.service.adaptation import DriftFilter
 from cylforce.service.pipeline import Instant
 from cylforce.service.snapshot import Constants, Estimator
@@ -164,7 +164,7 @@ class BlockConstants(Constants):
         self.before = drift_spread(model, tares.values, EXPECTED)
         self.frictions = len(model.changing_friction)
         self.prior = np.concatenate([load_spread(machine) ** -2.0, np.ones_like(self.before)])
-        self.memory = max(1.0, correlated(model.filters, tares.correlation) / EVERY)
+        self.memory = max(1.0, correlated_samples(model.filters, tares.correlation) / EVERY)
         self.daily = daily_spread(model, tares.values)
         self._kinds = kinds(model)
         # force [N] of a bar on the head side of each cylinder of `pressed`
