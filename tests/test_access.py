@@ -56,15 +56,20 @@ class Silent:
         return None
 
 
+class Recorded(Station):
+    """A station whose events of the lock go to the list `said`."""
+
+    def protected(self, words):
+        self.said.append(words)
+
+
 class Bench:
     """A station without a loop; `t_us` is the time of the next request."""
 
     def __init__(self, code=SECRET):
         self.bus, self.log = FakeBus(), Log()
-        self.station = Station(SERVICE, Silent(), self.bus, self.log, code)
-        self.said = []
-        self.station.protected = self.said.append
-        self.station.node._access._report = self.said.append
+        self.station = Recorded(SERVICE, Silent(), self.bus, self.log, code)
+        self.said = self.station.said = []
         self.t_us = 1_000_000
         self.station.node.boot()
 

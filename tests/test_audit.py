@@ -185,8 +185,8 @@ def test_many_attempts_fill_neither_disk_nor_queue(tmp_path):
     recorder = open_recorder(path, MACHINE)
     daemon = Daemon(MACHINE, make_core(MACHINE, None), open_bus("virtual:many"), None, NOTHING_KEPT, recorder)
     for k in range(5000):
-        daemon._books.audit(10 + k, "SDO client", "refused")
-    daemon._books.audit(10 + AUDIT_US, "SDO client", "refused again")
+        daemon.books.audit(10 + k, "SDO client", "refused")
+    daemon.books.audit(10 + AUDIT_US, "SDO client", "refused again")
     daemon.bus.close()
     recorder.close()
     assert recorder.failure == ""

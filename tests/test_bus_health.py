@@ -196,8 +196,9 @@ def test_a_node_that_sends_is_left_alone(edge):
     assert begun == []
 
 
-def test_the_bus_is_asked_once_for_the_same_and_again_for_more(edge):
-    made, _ = edge
+def test_the_bus_is_asked_once_for_the_same_and_again_for_more():
+    bus = FakeBus()
+    made = Edge(SERVICE, bus, FakeNode(), [].append, lambda words: None)
     for subscribed in ({0x740}, {0x740}, {0x740, 0x77F}):
         made.filter(frozenset(subscribed))
-    assert len(made._bus.accepted) == 2
+    assert len(bus.accepted) == 2

@@ -63,8 +63,8 @@ def fed(collector, load=0.0, seconds=30.0, without=(), seed=70):
         ticks += 1
         if ticks % 100 == 0:
             collector.think()
-            if collector._thought is not None:
-                collector._thought.result()
+            if collector.pending is not None:
+                collector.pending.result()
             collector.think()
             yield collector.view()
 
@@ -192,5 +192,5 @@ def test_ctrl_c_keeps_the_log_and_says_how_to_go_on(tmp_path):
 def test_who_stops_late_is_told_the_command(collector, tmp_path):
     *_, view = fed(collector, seconds=40.0)
     out, order = io.StringIO(), Order("virtual:a", tmp_path / "o.toml", tmp_path / "o.log")
-    commission._stop(LOADED, order, view, Console(file=out, width=100))
+    commission.report_stop(LOADED, order, view, Console(file=out, width=100))
     assert f"cylforce identify {EXCAVATOR} {tmp_path}/o.log -o {tmp_path}/o.toml" in out.getvalue()

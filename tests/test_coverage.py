@@ -83,7 +83,7 @@ def test_expected_error_is_what_the_weighing_itself_says(model):
     sheet = model.data_sheet
     known = sheet._replace(covariance=1e-4 * sheet.covariance, row_error=0.02 * sheet.row_error, identified=True)
     foretold = expected_error(model, known, theta)
-    left = expectation._residual(model, known, theta)
+    left = expectation.posture_residual(model, known, theta)
     constants, repeats = (
         LoadConstants(model, known),
         round(expectation.WEIGHED_S * model.filters.rate_hz / expectation.POINTS),

@@ -83,7 +83,7 @@ def test_a_step_that_raises_ends_the_daemon_after_it_said_so(monkeypatch):
     assert len(ticks) == STEPS  # not one step more
     last = dict(sent[-len(MACHINE.service.publication) :])
     assert set(last) == {pdo.number for pdo in MACHINE.service.publication}  # all values once more, as none
-    assert SOFTWARE in daemon.node.emergencies._active
+    assert SOFTWARE in daemon.node.emergencies.active
 
 
 def test_a_reader_that_stopped_delays_no_step_and_what_is_lost_is_counted():
@@ -103,7 +103,7 @@ def test_a_reader_that_stopped_delays_no_step_and_what_is_lost_is_counted():
         messages.close()
         messages.write("again\n")
         messages.close()
-        assert messages._told == messages.dropped
+        assert messages.reported == messages.dropped
 
 
 def test_messages_of_a_process_are_complete_at_its_end():

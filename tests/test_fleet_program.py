@@ -270,7 +270,7 @@ def test_results_are_read_while_the_work_goes_on(three, tmp_path):
 def test_a_worker_near_its_limit_of_memory_goes_on():
     """It neither waits for memory that no task gives back, nor writes to disk; beyond the limit it is ended. Dask's
     profiler, which keeps more memory with every second, is off."""
-    with workers._client(Where(None, 1), lambda _: None) as client:
+    with workers.cluster_client(Where(None, 1), lambda _: None) as client:
         (said,) = client.run(lambda dask_worker: vars(dask_worker.memory_manager)).values()
         time.sleep(3.0)  # Dask's profiler would have kept two by then
         (kept_calls,) = client.run(lambda dask_worker: len(dask_worker.profile_history)).values()
@@ -290,11 +290,11 @@ def test_a_worker_of_another_version_is_refused():
             return self._programs
 
     own = task.on_worker()
-    workers._check_version(Client({"tcp://1.2.3.4:5": own}))
+    workers.check_version(Client({"tcp://1.2.3.4:5": own}))
     with pytest.raises(RecordingError, match=r"tcp://1.2.3.4:6 has another version of cylforce .* install the same"):
-        workers._check_version(Client({"tcp://1.2.3.4:5": own, "tcp://1.2.3.4:6": ("another", 1)}))
+        workers.check_version(Client({"tcp://1.2.3.4:5": own, "tcp://1.2.3.4:6": ("another", 1)}))
     with pytest.raises(RecordingError, match="has no worker: start one"):
-        workers._check_version(Client({}))
+        workers.check_version(Client({}))
 
 
 def write_bus(loaded, table, path):

@@ -13,7 +13,7 @@ from cylforce.programs.run import Daemon
 from cylforce.records.writing import BookedBucket, Change
 from cylforce.service.commands import NEXT, PRODUCT, TARGET, Scale
 from cylforce.service.loading.cycle import LastBucket
-from cylforce.service.loading.truck import NO_TRUCK, loaded
+from cylforce.service.loading.truck import NO_TRUCK, add_bucket
 from cylforce.service.memory import Memory
 from cylforce.settings.machine_file import load
 from cylforce.signals.estimate import Booking
@@ -54,7 +54,7 @@ def test_a_restart_changes_nothing(tmp_path):
     path, log = tmp_path / "records.db", tmp_path / "run.log"
     recorder = open_recorder(path, MACHINE)
     booking = Booking(8, 1_000_000, 900.0, 4.0, 0.0, 0.0, 900.0, 4.0)
-    kept = Memory(Scale(5.0, 20.0), loaded(NO_TRUCK, booking, 20.0), booking)
+    kept = Memory(Scale(5.0, 20.0), add_bucket(NO_TRUCK, booking, 20.0), booking)
     recorder.put(Change(1_000_000, kept, BookedBucket(booking, LastBucket(1.0, 1.0, 1.0), 0.0, "OK"), ""))
     recorder.close()
     state, shown = asyncio.run(

@@ -234,7 +234,7 @@ def test_the_force_is_that_of_weighted_least_squares(kernel, usable):
     new, found, wrong = room(unrest.size), room(35), rng.normal(size=(3, 2))
     before, after = np.zeros(columns.size + 3), (np.zeros(columns.size + cylinders), np.ones(9), np.zeros(4))
     rows = np.concatenate([before, columns.ravel(), torque, *after])
-    kernel.push(made, rows, good.astype(float), np.zeros(4), drift, wrong.ravel(), 2, unrest, new, found)
+    kernel.tool_force(made, rows, good.astype(float), np.zeros(4), drift, wrong.ravel(), 2, unrest, new, found)
     own, tool = columns[good, :size], columns[good][:, model.tool]
     left = tares.scale * (torque - columns[:, :size] @ tares.values - columns[:, model.changing] @ drift)
     errors = np.diag(1.0 + unrest[-3:] + (0.01 * left) ** 2)[np.ix_(good, good)]
@@ -279,7 +279,7 @@ def test_a_drift_is_followed_as_by_least_squares_that_forget(kernel, limited):
     prior[OWN - 1, OWN - 1], mean[OWN - 1] = 1.0 / wrong**2, amount / wrong**2
     covariance = np.linalg.inv(information + prior)
     both = covariance @ (wanted.factor.T @ wanted.right + mean)
-    low, high = constants._limits()
+    low, high = constants.limits()
     np.testing.assert_allclose(found.values, np.clip(both[OWN:], low, high), rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(found.covariance, covariance[OWN:, OWN:], rtol=1e-6, atol=1e-9)
     squares = np.split(
@@ -315,7 +315,7 @@ def test_what_a_slipped_angle_adds_is_that_of_gravity_and_levers(kernel, name):
     wanted = np.array([(left(channels[: machine.size] + each) - left(channels[: machine.size])) / by for each in unit])
     found = room(len(rows) * machine.size)
     plan = making.plan(model, kernel.KernelPlan)
-    kernel.slips(plan, channels, values, making.counts(turned), machine.size, by, found)
+    kernel.angle_error_torques(plan, channels, values, making.counts(turned), machine.size, by, found)
     np.testing.assert_allclose(np.reshape(found, (len(rows), -1)), wanted[:, rows].T, rtol=1e-9, atol=1e-3)
 
 
@@ -348,7 +348,7 @@ def test_both_forms_give_the_same_bits(monkeypatch):
 
 
 def test_a_kernel_of_another_source_is_refused_with_a_sentence():
-    found = choice.judged(SimpleNamespace(TEXT=1), 2)
+    found = choice.matching(SimpleNamespace(TEXT=1), 2)
     assert found.kernel is choice.INTERPRETED
     assert re.fullmatch(
         r"the compiled kernel was not taken, the interpreted one runs: .*another version.*", found.refused

@@ -41,7 +41,7 @@ def test_channels_of_a_sample_are_those_of_a_recording(kernel, name):
     values = rng.normal(size=(20, len(service.machine.signals))) * 10.0 ** rng.uniform(-2.0, 6.0, 20)[:, None]
     for row in values:
         here = room(model.channels.read(row).size)
-        assert kernel.sense(sensors, row, here) == 0
+        assert kernel.read_channels(sensors, row, here) == 0
         found.append(here.tolist())
     np.testing.assert_array_equal(found, model.channels.read(values))
 
@@ -53,7 +53,7 @@ def test_a_chassis_that_is_tilted_too_far_is_told(kernel):
     for k, signal in enumerate(service.machine.signals):
         values = np.zeros(len(service.machine.signals))
         values[k] = -0.2
-        told = kernel.sense(sensors, values, room(model.channels.read(values).size))
+        told = kernel.read_channels(sensors, values, room(model.channels.read(values).size))
         assert bool(told) is (signal.kind in (Kind.PITCH, Kind.ROLL))
 
 
@@ -70,7 +70,7 @@ def test_a_force_is_shown_with_the_errors_of_its_size_and_direction(kernel, hang
     found[30], found[32:35] = 2e4, wider
     load_in, unsure = rng.normal(size=4), np.diag(rng.uniform(1.0, 2.0, 4))
     shown = room(SHOWN), room(SHOWN)
-    kernel.show(made, numbers(found), numbers(load_in), numbers(unsure.ravel()), int(hangs), 3.0, *shown)
+    kernel.published_forces(made, numbers(found), numbers(load_in), numbers(unsure.ravel()), int(hangs), 3.0, *shown)
     more = np.array([[wider[0], wider[1]], [wider[1], wider[2]]])
     seen = gain @ columns
     soil = (
@@ -99,7 +99,7 @@ def test_what_the_tares_leave_is_that_of_arrays_with_friction_at_rest_under_load
     rows.columns[:, model.at_rest] = rng.uniform(0.1, 1.0, (3, 3))
     rows.columns[0, model.at_rest] = 0.0
     found = room((3 + drifts) * 3)
-    kernel.explain(solver(model, tares, kernel), np.append(rows.columns, rows.torque), np.zeros(drifts), found)
+    kernel.residual_torque(solver(model, tares, kernel), np.append(rows.columns, rows.torque), np.zeros(drifts), found)
     wanted = residual(model, tares, rows, np.zeros(3))
     for k, each in enumerate((wanted.torque, wanted.variance, wanted.rest)):
         np.testing.assert_allclose(np.frombuffer(found)[3 * k : 3 * k + 3], each, rtol=1e-12)
@@ -134,14 +134,14 @@ def test_groups_are_compared_as_by_an_analysis_of_variance(kernel):
     readings, groups = rng.normal(size=(GROUP * GROUPS, 2)), room(4 * GROUPS * 2)
     ways = np.where(np.arange(GROUPS) < GROUPS - EACH_WAY, 1.0, -1.0)
     for k, way in enumerate(ways):
-        kernel.group(2, numbers(readings.ravel()), GROUP * k, numbers([way, 1.0]), 0.5, groups)
+        kernel.add_group(2, numbers(readings.ravel()), GROUP * k, numbers([way, 1.0]), 0.5, groups)
     each = readings.reshape(GROUPS, GROUP, 2)
     wanted = np.stack([each.mean(axis=1), each.var(axis=1, ddof=1), np.stack([ways, np.ones(GROUPS)], axis=1)])
     np.testing.assert_allclose(np.reshape(groups, (4, GROUPS, 2))[:3], wanted, rtol=1e-12)
     white = (np.diff(each, 2, axis=1) ** 2).mean(axis=1) / 6.0
     np.testing.assert_allclose(np.reshape(groups, (4, GROUPS, 2))[3], white, rtol=1e-12)
     ratios = room(4)
-    assert kernel.compare(2, groups, room(GROUPS), ratios) == 1
+    assert kernel.compare_groups(2, groups, room(GROUPS), ratios) == 1
     noise = np.sort(wanted[1, :, 0])[GROUPS // 2]
     assert ratios[0] == pytest.approx(wanted[0, :, 0].var(ddof=1) * GROUP / max(noise, 1.0))
     assert ratios[2] == pytest.approx(noise / max(np.sort(white[:, 0])[GROUPS // 2], 1.0))
@@ -208,7 +208,7 @@ def test_a_block_believes_friction_and_takes_it_as_sure_as_it_is(kernel):
     expected = np.where(np.arange(len(drift)) < frictions, drift, 0.0)
     change = before * (1.0 + 4.0 * np.sqrt(np.minimum(np.diag(known) / before**2, 1.0)) * (expected != 0.0))
     left, gram, size = room(3 * (3 + len(drift))), room((7 + len(drift)) ** 2), 7 + len(drift)
-    kernel.explain(made, rows, expected, left)
+    kernel.residual_torque(made, rows, expected, left)
     told = kernel.gather(made, rows, left, numbers([1, 1, 0]), change, errors, 2, 2.0, gram)
     work, found = (room(len(left)), room(len(drift)), room(len(drift))), room(size**2)
     seen = (rows, numbers([1, 1, 0]), drift, known, before, frictions, unknown)
@@ -225,10 +225,10 @@ def test_what_errors_of_signals_do_to_the_torques(kernel):
     channels, load_in = rng.normal(size=9), rng.normal(size=4)
     own, per_bar, turned = [model.zero.start, model.zero.start + 2], np.array([2.0, 3.0]), making.counts([0, 2])
     angles, values, work, found = room(6), tares.values + model.load @ load_in, room(6), room(12)
-    kernel.slips(plan, channels, values, turned, 2, 1e-3, angles)
+    kernel.angle_error_torques(plan, channels, values, turned, 2, 1e-3, angles)
     columns = rows[: 3 * len(model.filtered.regressor.names)].reshape(3, -1)
     told = (making.counts(own), 2, per_bar, turned, 2, 1e-3, room(len(values)), work, found)
-    kernel.error_torques(plan, made, rows, channels, load_in, *told)
+    kernel.torque_per_error(plan, made, rows, channels, load_in, *told)
     wanted = 1.1 * np.concatenate([columns[:, own] * per_bar, np.reshape(angles, (3, 2))], axis=1)
     np.testing.assert_allclose(np.reshape(found, (3, 4)), wanted, rtol=1e-9, atol=1e-9)
 
@@ -241,7 +241,7 @@ def test_a_rocking_base_is_what_explains_the_remainder_best(kernel, asked):
     lift, channels = np.concatenate([np.zeros(20), rng.normal(size=188)]), rng.normal(size=9)
     left = np.concatenate([0.1 * rng.normal(size=3), rng.uniform(1.0, 2.0, 6), np.zeros(27)])
     over, values, levers, wider = room(3), room(len(tares.values)), room(6), room(3)
-    kernel.without_load(made, rows, left, lift, over, values)
+    kernel.unexplained_torque(made, rows, left, lift, over, values)
     moments = np.array(values[1:9:3]) + 1j * np.array(values[2:9:3])
     turned = (moments * np.exp(1j * (channels[-3] + np.cumsum(channels[:3]))))[::-1].cumsum()[::-1]
     each = np.stack([-turned.imag, turned.real], axis=1)
@@ -251,6 +251,8 @@ def test_a_rocking_base_is_what_explains_the_remainder_best(kernel, asked):
     best = spread @ each.T @ (np.array(over) / variances)
     wanted = np.array([0.2, 0.3]) + asked * 0.1 * (best**2 - np.diag(spread) - [0.2, 0.3])
     room_for = (room(3), room(len(tares.values)), levers)
-    kernel.rock(plan, made, rows, left, lift, channels, asked, swings, 0.1, 1e9, 0.25, *room_for, state, wider)
+    kernel.rocking_variance(
+        plan, made, rows, left, lift, channels, asked, swings, 0.1, 1e9, 0.25, *room_for, state, wider
+    )
     np.testing.assert_allclose(state, np.maximum(wanted, 0.0), rtol=1e-9)
     np.testing.assert_allclose(wider, each**2 @ np.maximum(state, swings), rtol=1e-9)

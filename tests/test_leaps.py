@@ -129,7 +129,7 @@ def test_only_what_changes_by_more_than_what_is_around_it_is_looked_at(form):
     def suspicious(*changes):
         first = np.concatenate([np.zeros(BEFORE - 1), np.cumsum(changes), np.full(2, float(np.sum(changes)))])
         both = np.stack([np.zeros_like(first), first], axis=1)
-        return bool(form.suspicious(2, numbers(both.ravel()), BEFORE, numbers([1.0, 1.0])))
+        return bool(form.may_step(2, numbers(both.ravel()), BEFORE, numbers([1.0, 1.0])))
 
     assert not suspicious(0.0, 0.0, 0.0)
     assert not suspicious(0.0, 0.9, 0.0)

@@ -112,7 +112,7 @@ from cylforce.signals.events import Tick
 log = LogWriter(Path({str(path)!r}), Header.model_validate({HEADER.model_dump()!r}), {T0}, "can0")
 for k in range(300):
     log.log(Tick({T0} + k * 10_000))
-while log._done < log._passed:
+while log.backlog:
     time.sleep(0.01)
 os.kill(os.getpid(), signal.SIGKILL)
 """

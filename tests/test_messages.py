@@ -45,8 +45,8 @@ def daemon():
         return Daemon(machine, make_core(machine, None), open_bus("virtual:messages"), None, NOTHING_KEPT)
 
     found = asyncio.run(made())
-    found._timer.close()
-    found._timer = Late()
+    found.timer.close()
+    found.timer = Late()
     yield found
     found.bus.close()
 
@@ -55,10 +55,10 @@ def said(daemon, due):
     """The overrun messages while so many ticks are due each time: (time, missed, overruns)."""
     found = []
     for ticks in due:
-        daemon._timer.due = ticks
+        daemon.timer.due = ticks
         with structlog.testing.capture_logs() as lines:
             daemon.on_timer()
-        found += [(daemon._timer.deadline_us, m["missed"], m["overruns"]) for m in lines if m["event"] == "overrun"]
+        found += [(daemon.timer.deadline_us, m["missed"], m["overruns"]) for m in lines if m["event"] == "overrun"]
     return found
 
 
@@ -75,7 +75,7 @@ def test_overruns_are_reported_once_a_second(daemon):
 def test_the_first_overrun_is_reported_at_once_and_a_clock_set_back_silences_none(daemon):
     assert len(said(daemon, [1, 1, 3])) == 1
     assert said(daemon, [1] * 200) == []
-    daemon._timer.deadline_us -= 3600 * 1_000_000
+    daemon.timer.deadline_us -= 3600 * 1_000_000
     assert [missed for _, missed, _ in said(daemon, [5])] == [4]
 
 

@@ -17,7 +17,7 @@ from cylforce.records.outbox import pending
 from cylforce.records.recorder import Recorder
 from cylforce.records.schema import MIGRATIONS, migrate, open_labels
 from cylforce.records.writing import Change
-from cylforce.service.loading.truck import judged
+from cylforce.service.loading.truck import set_accepted
 from test_records import START, shift
 
 
@@ -59,7 +59,7 @@ def test_a_cancelled_booking_comes_once_more(path, opened):
     recorder = Recorder(path, START)
     kept = recorder.kept
     for _ in range(2):  # the same once more is no change
-        kept = replace(kept, truck=judged(kept.truck, 2, accepted=False).truck)
+        kept = replace(kept, truck=set_accepted(kept.truck, 2, accepted=False).truck)
         recorder.put(Change(START.t_us + 9, kept, None, "cancelled"))
     recorder.close()
     said.clear()

@@ -28,7 +28,15 @@ from cylforce.service.booking import Weighed
 from cylforce.service.commands import Scale
 from cylforce.service.core import Core
 from cylforce.service.loading.cycle import LastBucket
-from cylforce.service.loading.truck import Truck, judged, loaded, next_part, next_truck, of_product, refined
+from cylforce.service.loading.truck import (
+    Truck,
+    add_bucket,
+    correct_bucket,
+    next_part,
+    next_truck,
+    set_accepted,
+    set_product,
+)
 from cylforce.service.memory import Memory
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
@@ -46,7 +54,7 @@ def booked(kept, mass, t_us=0):
     """What the service hands over for one more bucket."""
     number = kept.booking.number + 1 if kept.booking else 1
     booking = Booking(number, START.t_us + t_us, mass + 12.0, 4.0, 12.0, 2.0, mass, 5.0)
-    after = Memory(kept.scale, loaded(kept.truck, booking, kept.scale.tare), booking, kept.tool)
+    after = Memory(kept.scale, add_bucket(kept.truck, booking, kept.scale.tare), booking, kept.tool)
     return Change(booking.t_us, after, BookedBucket(booking, CYCLE, 1.5, "OK"), "")
 
 
@@ -91,7 +99,7 @@ def test_every_column_of_a_booking(path):
 def test_cancelled_bookings_stay_and_do_not_count(path):
     kept = shift(path, 3)
     recorder = Recorder(path, START)
-    truck = judged(kept.truck, 2, False).truck
+    truck = set_accepted(kept.truck, 2, False).truck
     recorder.put(Change(1, replace(kept, truck=truck), None, "cancelled 2"))
     recorder.close()
     with closing(open_reading(path)) as found:
@@ -164,9 +172,9 @@ def test_the_final_weight_counts_in_totals_and_truck(path):
         kept = (change := booked(kept, mass)).kept
         recorder.put(change)
         final = replace(change.booked.booking, carry_back=8.0, dumped=mass + 4.0, dumped_error=3.0)
-        kept = replace(kept, truck=refined(kept.truck, final.number, 4.0), booking=final)
+        kept = replace(kept, truck=correct_bucket(kept.truck, final.number, 4.0), booking=final)
         if mass == 600.0:
-            kept = replace(kept, truck=judged(kept.truck, final.number, False).truck)
+            kept = replace(kept, truck=set_accepted(kept.truck, final.number, False).truck)
         for _ in range(2):
             recorder.put(Change(2, kept, None, "", final))
     recorder.close()
@@ -402,7 +410,7 @@ def test_a_split_truck_is_kept_and_its_ticket_has_each_part(path):
     """Gravel, then sand in the truck, then sand in the trailer; the ticket in pounds is the same mass."""
     kept = Memory(truck=Truck(1, 5000.0, 1, trailer=3000.0))
     recorder = Recorder(path, START)
-    for k, change in enumerate((lambda t: t, lambda t: of_product(t, 2).truck, lambda t: next_part(t).truck)):
+    for k, change in enumerate((lambda t: t, lambda t: set_product(t, 2).truck, lambda t: next_part(t).truck)):
         kept = replace(kept, truck=change(kept.truck))
         made = booked(kept, 1000.0 + k, k)
         recorder.put(made)

@@ -249,10 +249,10 @@ def logged(tmp_path_factory):
         writer = LogWriter(folder / "run.log", header, T0, "can0", rotation=Rotation(150_000, KEEP))
         daemon = Daemon(machine, make_core(machine, tares), open_bus(name), writer, NOTHING_KEPT)
         daemon.on_estimate = estimates.append
-        daemon._timer.close()
-        daemon._timer = ToldTime()
+        daemon.timer.close()
+        daemon.timer = ToldTime()
         daemon.network.poll(now_us())
-        daemon.bus.attach(asyncio.get_running_loop(), lambda frame: None, daemon._on_sent)
+        daemon.bus.attach(asyncio.get_running_loop(), lambda frame: None, daemon.on_sent)
         daemon.node.boot()
         for event in read_events(source, 10_000)[1]:
             play(daemon, event, machine)
@@ -267,7 +267,7 @@ def logged(tmp_path_factory):
 def play(daemon, event, machine):
     """One event of a recording into a daemon; the weight is tared as soon as it is OK."""
     if isinstance(event, Tick):
-        daemon._timer.deadline_us = event.t_us
+        daemon.timer.deadline_us = event.t_us
         daemon.on_timer()
         tared = daemon.weighing.scale.tare != 0.0
         if daemon.weighing.estimate.load.mass.status is Status.OK and not tared:

@@ -15,7 +15,7 @@ from cylforce.service.commands import Scale
 from cylforce.service.core import Core
 from cylforce.service.loading.cycle import Cycle, LastBucket
 from cylforce.service.loading.lift import lift_numbers
-from cylforce.service.loading.truck import KEPT, NO_TRUCK, Truck, judged, loaded
+from cylforce.service.loading.truck import KEPT, NO_TRUCK, Truck, add_bucket, set_accepted
 from cylforce.service.memory import Memory
 from cylforce.service.service import WeighingService
 from cylforce.settings.machine_file import load
@@ -37,7 +37,7 @@ def written(sub, data, state=None):
 
 
 def test_a_bucket_counts_what_left_it_less_the_tare():
-    truck = loaded(NO_TRUCK, Booking(7, 0, 1012.0, 5.0, 12.0, 2.0, 1000.0, 6.0), 30.0)
+    truck = add_bucket(NO_TRUCK, Booking(7, 0, 1012.0, 5.0, 12.0, 2.0, 1000.0, 6.0), 30.0)
     assert (truck.total, truck.filled, truck.buckets[0].number) == (970.0, 1, 7)
 
 
@@ -45,9 +45,9 @@ def test_a_bucket_counts_what_left_it_less_the_tare():
 def test_the_total_is_the_sum_of_the_accepted_buckets(orders):
     truck = Truck()
     for number in range(1, 11):
-        truck = loaded(truck, Booking(number, 0, 100.0 * number, 5.0, 0.0, 0.0, 100.0 * number, 5.0), 0.0)
+        truck = add_bucket(truck, Booking(number, 0, 100.0 * number, 5.0, 0.0, 0.0, 100.0 * number, 5.0), 0.0)
     for accepted, number in orders:
-        truck = judged(truck, number, accepted).truck
+        truck = set_accepted(truck, number, accepted).truck
     counted = [bucket for bucket in truck.buckets if bucket.accepted]
     assert truck.filled == len(counted)
     assert abs(truck.total - sum(bucket.mass for bucket in counted)) < 1e-6
@@ -56,10 +56,10 @@ def test_the_total_is_the_sum_of_the_accepted_buckets(orders):
 def test_only_the_last_buckets_can_be_cancelled():
     truck = Truck()
     for number in range(1, KEPT + 2):
-        truck = loaded(truck, Booking(number, 0, 10.0, 1.0, 0.0, 0.0, 10.0, 1.0), 0.0)
-    assert judged(truck, 1, False).verdict == commands.NOT_NOW
-    assert "booking 1 cannot be cancelled" in judged(truck, 1, False).words
-    assert judged(truck, 2, False).truck.filled == KEPT
+        truck = add_bucket(truck, Booking(number, 0, 10.0, 1.0, 0.0, 0.0, 10.0, 1.0), 0.0)
+    assert set_accepted(truck, 1, False).verdict == commands.NOT_NOW
+    assert "booking 1 cannot be cancelled" in set_accepted(truck, 1, False).words
+    assert set_accepted(truck, 2, False).truck.filled == KEPT
 
 
 def test_truck_and_trailer_have_a_target_and_a_sum_each():
@@ -68,13 +68,13 @@ def test_truck_and_trailer_have_a_target_and_a_sum_each():
     state, _ = written(commands.TARGET, struct.pack("<i", 120_000))
     state, _ = written(commands.TRAILER, struct.pack("<i", 80_000), state)
     for number in (1, 2):
-        truck = loaded(state.truck, Booking(number, 0, 900.0, 5.0, 0.0, 0.0, 900.0, 5.0), 0.0)
+        truck = add_bucket(state.truck, Booking(number, 0, 900.0, 5.0, 0.0, 0.0, 900.0, 5.0), 0.0)
         state.truck = truck
         state, out = written(commands.PART, b"next", state)
     assert out.words == "truck 1, part 2 with 900.0 kg, part 3 begun"
-    truck = loaded(state.truck, Booking(3, 0, 700.0, 5.0, 0.0, 0.0, 700.0, 5.0), 0.0)
+    truck = add_bucket(state.truck, Booking(3, 0, 700.0, 5.0, 0.0, 0.0, 700.0, 5.0), 0.0)
     assert (truck.part, truck.target, truck.in_part, truck.total) == (3, 8000.0, 700.0, 2500.0)
-    truck = judged(truck, 1, False).truck
+    truck = set_accepted(truck, 1, False).truck
     assert (truck.in_part, truck.total) == (700.0, 1600.0)
     state.truck = truck
     state, _ = written(commands.NEXT, b"next", state)

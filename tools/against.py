@@ -30,7 +30,7 @@ from studies._rivals import c_updates, canopen_decoder, filterpy_update, numpy_u
 GROUP = 25  # steps between two measurements of the others
 UPDATES = 20  # of a rival in a group
 ROWS = ("advance",)
-SOLVE = ("explain", "weigh_load", "gate", "take", "conclude", "push", "show", "learn")
+SOLVE = ("residual_torque", "weigh_load", "gate", "take", "conclude", "tool_force", "published_forces", "learn_noise")
 A_TICK = 8  # frames that are judged together: those of a step
 WORDS = {
     "step": "whole step: frames, tick, log, PDOs that are due",

@@ -53,9 +53,9 @@ async def ran(loaded, core, filtered):
     receive, foreign = daemon.on_frame, []
     daemon.on_frame = lambda frame: (receive(frame), frame.can_id in FOREIGN and foreign.append(frame))
     loop = asyncio.get_running_loop()
+    sent = daemon.on_sent
+    daemon.on_sent = lambda can_id, data: (sent(can_id, data), can_id == OURS and times.append(time.monotonic()))
     daemon.start(loop)
-    sent = bus._on_sent
-    bus._on_sent = lambda can_id, data: (sent(can_id, data), can_id == OURS and times.append(time.monotonic()))
     await asyncio.sleep(1.0)
     times.clear()
     foreign.clear()  # what came between opening and filtering

@@ -29,12 +29,20 @@ from cylforce.signals.events import Event
 ROOT = Path(__file__).resolve().parents[2]
 FILES = {  # functions of a file that the service calls
     "inputs.py": ("receive", "usable", "stepped", "quantise"),
-    "rows.py, bodies.py, columns.py": ("sense", "advance", "slips", "moves"),
-    "weighed.py": ("explain", "gate", "take", "conclude", "weigh_load", "without_load"),
-    "pushed.py": ("push", "show", "learn", "fill"),
-    "recognised.py": ("gather", "daily_change", "gather_block", "error_torques", "rock", "turn_force", "mass_slopes"),
-    "drifting.py, followed.py": ("certain", "follow"),
-    "pressures.py": ("suspicious", "certain_steps", "group", "compare", "update_noise"),
+    "rows.py, bodies.py, columns.py": ("read_channels", "advance", "angle_error_torques", "moving_signals"),
+    "weighed.py": ("residual_torque", "gate", "take", "conclude", "weigh_load", "unexplained_torque"),
+    "pushed.py": ("tool_force", "published_forces", "learn_noise", "widen_load"),
+    "recognised.py": (
+        "gather",
+        "daily_change",
+        "gather_block",
+        "torque_per_error",
+        "rocking_variance",
+        "turn_force",
+        "mass_slopes",
+    ),
+    "drifting.py": ("rows_for_drift", "update_drift"),
+    "pressures.py": ("may_step", "certain_steps", "add_group", "compare_groups", "update_noise"),
 }
 
 

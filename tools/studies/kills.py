@@ -29,7 +29,7 @@ from cylforce.records.schema import open_labels, open_reading
 from cylforce.records.ticket import ticket
 from cylforce.records.writing import BookedBucket, Change, Start
 from cylforce.service.loading.cycle import LastBucket
-from cylforce.service.loading.truck import judged, loaded, next_truck, of_product, refined
+from cylforce.service.loading.truck import add_bucket, correct_bucket, next_truck, set_accepted, set_product
 from cylforce.service.memory import Memory
 from cylforce.signals.estimate import Booking
 
@@ -72,13 +72,13 @@ def _bucket(recorder: Recorder, kept: Memory, rng: random.Random) -> Memory:
     """A bucket is booked, weighed better while it returns, and in part of the cases cancelled."""
     number, mass = (kept.booking.number if kept.booking else 0) + 1, rng.uniform(300.0, 1500.0)
     first = Booking(number, START.t_us + number, mass + 12.0, 4.0, 12.0, 2.0, mass, 5.0)
-    kept = replace(kept, truck=loaded(kept.truck, first, kept.scale.tare), booking=first)
+    kept = replace(kept, truck=add_bucket(kept.truck, first, kept.scale.tare), booking=first)
     recorder.put(Change(first.t_us, kept, BookedBucket(first, CYCLE, 1.5, "OK"), ""))
     final = replace(first, dumped=mass + 3.0, carry_back=9.0)
-    kept = replace(kept, truck=refined(kept.truck, number, 3.0), booking=final)
+    kept = replace(kept, truck=correct_bucket(kept.truck, number, 3.0), booking=final)
     recorder.put(Change(first.t_us + 1, kept, None, "", final))
     if rng.random() < CANCELLED:
-        kept = replace(kept, truck=judged(kept.truck, number, False).truck)
+        kept = replace(kept, truck=set_accepted(kept.truck, number, False).truck)
         recorder.put(Change(first.t_us + 2, kept, None, "cancelled"))
     return kept
 
@@ -90,7 +90,7 @@ def _next(recorder: Recorder, kept: Memory, path: Path, pipe: int, rng: random.R
         with closing(open_labels(path)) as connection:
             ticket(connection, number, START.t_us)
         _say(pipe, "t", number)
-    kept = replace(kept, truck=of_product(next_truck(kept.truck).truck, rng.randrange(PRODUCTS)).truck)
+    kept = replace(kept, truck=set_product(next_truck(kept.truck).truck, rng.randrange(PRODUCTS)).truck)
     recorder.put(Change(START.t_us, kept, None, "next truck"))
     return kept
 

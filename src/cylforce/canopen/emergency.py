@@ -14,6 +14,8 @@ HISTORY = 8  # entries of 1003h
 class Emergencies:
     """The present and past errors of a node.
 
+    active: bit in the error register of each present error, by its code
+
     send: sends the data of an EMCY message; returns False when the bus cannot take it now, then `flush` sends it
     store: writes a value (index, sub-index, value) into the object dictionary
     """
@@ -21,14 +23,14 @@ class Emergencies:
     def __init__(self, send: Callable[[bytes], bool], store: Callable[[int, int, int], None]) -> None:
         self._send, self._store = send, store
         self._waiting: deque[bytes] = deque(maxlen=_ACTIVE)
-        self._active: dict[int, int] = {}
+        self.active: dict[int, int] = {}
         self._history: list[int] = []
 
     @property
     def register(self) -> int:
         """Return the error register 1001h: bit 0 whenever there is an error, and the bits of the present kinds."""
-        bits = _GENERIC if self._active else 0
-        for bit in self._active.values():
+        bits = _GENERIC if self.active else 0
+        for bit in self.active.values():
             bits |= bit
         return bits
 
@@ -39,9 +41,9 @@ class Emergencies:
         bit: its bit in 1001h
         info: up to 5 bytes of information
         """
-        if code in self._active or len(self._active) >= _ACTIVE:
+        if code in self.active or len(self.active) >= _ACTIVE:
             return False
-        self._active[code] = bit
+        self.active[code] = bit
         self._history = [code | int.from_bytes(info[:2], "little") << 16, *self._history][:HISTORY]
         self._mirror()
         self._queue(_EMCY.pack(code, self.register, info[:5]))
@@ -49,7 +51,7 @@ class Emergencies:
 
     def repair(self, code: int) -> bool:
         """Report that an error is repaired; return False if it was not present."""
-        if self._active.pop(code, None) is None:
+        if self.active.pop(code, None) is None:
             return False
         self._mirror()
         self._queue(_EMCY.pack(0, self.register, b""))

@@ -11,7 +11,7 @@ import numpy as np
 from cylforce.estimation.channels import Moved
 from cylforce.estimation.model import Model, Tares
 from cylforce.estimation.regressor import Rows
-from cylforce.estimation.residual import REST_SECONDS, Residual, correlated, residual
+from cylforce.estimation.residual import REST_SECONDS, Residual, correlated_samples, load_spread, residual
 from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.workspace import driven, joint_angles, working_range
@@ -72,12 +72,12 @@ def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
 
     theta: (..., N) joint angles [rad]
     """
-    rows = _residual(model, tares, theta)
+    rows = posture_residual(model, tares, theta)
     columns = rows.columns @ model.load
     weight = _weight(model, rows, tares.correlation)
     weighted = np.swapaxes(columns * weight[..., None], -1, -2)
     # P = (X' V^-1 X + P0^-1)^-1; an error d of the tares changes the weight by the gain (P X' V^-1 W) d
-    covariance = np.linalg.inv(np.sum(weighted @ columns, axis=0) + np.diag(_prior(model.machine) ** -2.0))
+    covariance = np.linalg.inv(np.sum(weighted @ columns, axis=0) + np.diag(load_spread(model.machine) ** -2.0))
     gain = (covariance[..., :1, :] @ np.sum(weighted @ rows.columns, axis=0))[..., 0, :]
     noise, by_tares = covariance[..., 0, 0], np.sum((gain @ tares.covariance) * gain, axis=-1)
     by_tares = by_tares + (tares.scale_error * model.machine.rated_payload) ** 2
@@ -99,22 +99,16 @@ def cost(tares: Tares, expected: Expected) -> Array:
     return np.asarray(np.median(np.abs(part), axis=0)) if np.any(weighable) else np.full(len(tares.names), np.nan)
 
 
-def _prior(machine: Machine) -> Array:
-    """Return the prior standard errors (4,) of m [kg], m x, m z [kg m], J [kg m^2], as in service/weighing.py."""
-    moment = machine.rated_payload * machine.payload_reach
-    return np.array([2.0 * machine.rated_payload, moment, moment, moment * machine.payload_reach])
-
-
 def _weight(model: Model, rows: Residual, correlation: float) -> Array:
     """Return the weight (POINTS, ..., R) of each row: the number of samples that a point represents over their
     variance.
     """
     f = model.filters
-    variance = correlated(f, correlation) * rows.variance + REST_SECONDS * f.rate_hz * rows.rest
+    variance = correlated_samples(f, correlation) * rows.variance + REST_SECONDS * f.rate_hz * rows.rest
     return np.asarray(np.where(np.isfinite(variance), WEIGHED_S * f.rate_hz / POINTS / variance, 0.0))
 
 
-def _residual(model: Model, tares: Tares, theta: Array) -> Residual:
+def posture_residual(model: Model, tares: Tares, theta: Array) -> Residual:
     """Return the residual of a rated payload at POINTS instants (POINTS, ..., R) about each posture.
 
     The variance is infinite where a row is unusable.

@@ -14,7 +14,7 @@ import numpy as np
 from cylforce.estimation.blocks import Factors
 from cylforce.estimation.drift import drift_spread, kinds
 from cylforce.estimation.model import EXPECTED, BetweenStrokes, Model
-from cylforce.estimation.residual import correlated, load_spread
+from cylforce.estimation.residual import correlated_samples, load_spread
 from cylforce.signals.estimate import Array
 
 BLOCKS = 3  # blocks of the recording (`observation.BLOCK_SECONDS`) in one weighing of zero; chosen: a short lift
@@ -43,12 +43,12 @@ def weighings(model: Model, data: Factors, values: Array, row_error: Array) -> A
     """
     grams = np.einsum("brki,brkj->bij", *[_projected(model, data, values) / row_error[:, None, None]] * 2)
     grams = grams[: len(grams) // BLOCKS * BLOCKS].reshape(-1, BLOCKS, 5, 5).sum(axis=1)
-    prior = np.diag(load_spread(model.machine) ** -2.0) / correlated(model.filters)
+    prior = np.diag(load_spread(model.machine) ** -2.0) / correlated_samples(model.filters)
     # (m, m x, m z, J) = (X'X + P0^-1)^-1 X'r of each weighing; its first component is the weight, its variance by noise
     inverse = np.linalg.inv(grams[:, :4, :4] + prior)
     mass = np.einsum("wi,wi->w", inverse[:, 0], grams[:, :4, 4])
     variance = inverse[:, 0, 0]
-    limit = (CERTAIN * model.machine.rated_payload) ** 2 / correlated(model.filters)
+    limit = (CERTAIN * model.machine.rated_payload) ** 2 / correlated_samples(model.filters)
     return np.asarray((mass**2 / variance)[variance < limit])
 
 
@@ -92,7 +92,7 @@ def _strokes(model: Model, whole: Factors, values: Array, row_error: Array) -> t
     columns = whole.triangle[..., [*model.changing_friction, *range(zeros - count, zeros)]]
     unexplained = whole.triangle[..., -1] - whole.triangle[..., : len(values)] @ values
     rows = np.concatenate([columns, unexplained[..., None]], axis=-1) / row_error[:, None, None]
-    gram = np.einsum("brki,brkj->bij", rows, rows) / correlated(model.filters)
+    gram = np.einsum("brki,brkj->bij", rows, rows) / correlated_samples(model.filters)
     size = gram.shape[-1]
     gram = gram[: len(gram) // BLOCKS * BLOCKS].reshape(-1, BLOCKS, size, size).sum(axis=1)
     return gram[:, :-1, :-1], gram[:, :-1, -1]

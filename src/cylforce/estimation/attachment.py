@@ -44,12 +44,13 @@ def tool_of(link: Link) -> Tool:
 
 
 def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
-    """Return the tares of the machine with another tool: Phi' = Phi - L b + L b' (see above).
+    """Return the tares of the machine with another tool: Phi' = Phi - L b + L b'.
 
-    The old tool's first moments and inertia are those in Phi. Its mass is that of its data sheet, corrected by the
-    difference of these moments from the data sheet's. The new tool is that of its data sheet. The covariance contains
-    the tolerances of the new tool, and the old tool's mass as far as its moments do not determine it. The parameters
-    of slewing change by the difference of the two data sheets.
+    Phi are the parameters, L the change of the parameters per unit of a tool, b the old tool and b' the new one, each
+    (m, m x, m z, J about the last pin). The old tool's first moments and inertia are those in Phi. Its mass is that of
+    its data sheet, corrected by the difference of these moments from the data sheet's. The new tool is that of its data
+    sheet. The covariance contains the tolerances of the new tool, and the old tool's mass as far as its moments do not
+    determine it. The parameters of slewing change by the difference of the two data sheets.
 
     tares:    identified with the standard tool
     standard: model of the machine with the standard tool, its last link

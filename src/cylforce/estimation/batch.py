@@ -44,10 +44,16 @@ class Fit(NamedTuple):
 
 
 def least_squares(data: Factors, row_error: Array, prior: Prior | None) -> Fit:
-    """Return the fit of observed = columns @ values.
+    """Return the robust least-squares fit of observed = columns @ values to a recording, with its covariance.
 
-    Rows are weighted by 1/row_error (R,). A block that fits much worse than the others has a smaller weight. Raises
-    ValueError when there are no usable rows."""
+    Rows are weighted by the inverse of their standard error. A block that fits much worse than the others has a smaller
+    weight. The noise of the sensors within the columns does not bias the values. Raises ValueError when there are no
+    usable rows.
+
+    data:      B blocks of rows of R measured torques
+    row_error: (R,) standard error of the rows of each torque [N m]
+    prior:     of the parameters; None: none
+    """
     if not np.any(data.samples):
         raise ValueError("no usable rows: nothing to fit")
     root = _prior_rows(prior, data.triangle.shape[-1] - 1)
@@ -65,6 +71,7 @@ def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, floa
 
     With equal weights, models of the same data can be compared by this sum.
 
+    data:   B blocks of rows of R measured torques
     weight: (B, R) factor on the rows of each block
     """
     triangle, root = stacked_triangle(data, weight), _prior_rows(prior, data.triangle.shape[-1] - 1)
@@ -189,10 +196,12 @@ def _enlarged(share: Array) -> tuple[Array, Array]:
 
 
 def _pull(data: Factors, values: Array, weight: Array) -> Array:
-    """Return the score A' e of every block (B, K), summed over its weighted rows, less that of the sensors' noise.
+    """Return the score A' e of every block (B, K): the direction in which the block would change the parameters.
 
-    It is the direction in which the block would change the parameters.
+    A are the columns of its weighted rows, e their residuals. The part that the sensors' noise in A causes is
+    subtracted.
 
+    data:   B blocks of rows of R measured torques
     values: (K,) parameters at which the residuals e are computed
     weight: (B, R) factor on the rows of each block
     """
@@ -201,7 +210,11 @@ def _pull(data: Factors, values: Array, weight: Array) -> Array:
 
 
 def _covariance(data: Factors, found: _Round, root: Array) -> Array:
-    """Return the sandwich covariance (K, K), which allows for residuals that are correlated within a block.
+    """Return the sandwich covariance (K, K) of the fitted parameters, valid for residuals correlated within a block.
+
+    data:  B blocks of rows of R measured torques
+    found: last pass of the fit, with the weights of the rows
+    root:  rows (..., K+1) of the prior, with errors of one
 
     It is (A'A - N'N + L'L)^-1 on both sides of the sum of the blocks' squared scores and the prior's information L'L. A
     block attracts the estimate, so that its own residual is too small. Its score is enlarged to the value that it has
@@ -236,7 +249,10 @@ def _trust(data: Factors, values: Array) -> Array:
     """Return the weight (B, R) of every block of each of R rows, by its residuals at the parameters `values` (K,).
 
     It is 1, and less for a mean squared residual above OUTLIER times the row's median, so that weight^2 * square stays
-    at that bound."""
+    at that bound. A disturbed block (contact, a bump) then counts less in the fit.
+
+    data: B blocks of rows of R measured torques
+    """
     mean = residual_squares(data, values) / np.maximum(data.samples, 1.0)
     typical = np.array(
         [np.median(m[n > 0]) if np.any(n > 0) else 1.0 for m, n in zip(mean.T, data.samples.T, strict=True)]
@@ -246,8 +262,13 @@ def _trust(data: Factors, values: Array) -> Array:
 
 
 def _scale(triangle: Array, prior: Prior | None) -> Array:
-    """Return the scale of every parameter (K,): the prior's standard error, without a prior the inverse norm of its
-    column."""
+    """Return the scale of every parameter (K,), by which the parameters become comparable.
+
+    It is the prior's standard error, or without a prior the inverse norm of the parameter's column.
+
+    triangle: (K+1, K+1) of the weighted rows
+    prior:    of the parameters; None: none
+    """
     if prior is not None:
         return np.sqrt(np.diag(prior.covariance))
     norm = linalg.norm(triangle[:, :-1], axis=0)
@@ -273,6 +294,7 @@ def _excitation(triangle: Array, scale: Array) -> tuple[Array, Array]:
 def _row_rms(data: Factors, values: Array, trust: Array) -> Array:
     """Return the rms residual (R,) [N m] of each measured torque at parameters `values` (K,), rows set aside included.
 
+    data:  B blocks of rows of R measured torques
     trust: (B, R) weight of each block
     """
     weight = trust**2

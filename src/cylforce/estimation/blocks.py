@@ -68,10 +68,10 @@ def upper(rows: Array) -> Array:
 
 
 def factors(columns: Array, observed: Array, mark: Array, block: int) -> Factors:
-    """Return the factors of a stretch whose columns have no noise.
+    """Return the triangular factors of a stretch of a recording whose columns have no noise, cut into blocks.
 
-    columns:  (T, R, K)
-    observed: (T, R); NaN where not usable
+    columns:  (T, R, K) of R measured torques
+    observed: (T, R) what the columns explain; NaN where not usable
     mark:     (T, M) further quantities
     block:    samples per block
     """
@@ -79,9 +79,11 @@ def factors(columns: Array, observed: Array, mark: Array, block: int) -> Factors
 
 
 def row_factors(rows: BlockRows, block: int) -> Factors:
-    """Return the factors of a stretch of a recording.
+    """Return the triangular factors of the rows of a stretch of a recording, cut into blocks.
 
-    rows:  of the stretch
+    A row that is not finite is omitted. Rows that are set aside have a factor of their own.
+
+    rows:  of the stretch: columns (T, R, K), observed values (T, R), their noise, and which rows are fitted
     block: samples per block
     """
     size = rows.columns.shape[-1] + 1
@@ -234,7 +236,10 @@ def _paired(triangle: Array) -> Array:
 
 
 def chosen(data: Factors, columns: list[int]) -> Factors:
-    """Return the factors of a selection of the columns, in the order given."""
+    """Return the factors of a selection of the columns, for a fit of their parameters alone.
+
+    columns: numbers of the columns to keep, in their new order
+    """
     keep = [*columns, data.triangle.shape[-1] - 1]
 
     def kept(triangle: Array) -> Array:
@@ -248,7 +253,8 @@ def chosen(data: Factors, columns: list[int]) -> Factors:
 def beside(data: Factors, combinations: Array) -> Factors:
     """Return the factors with M more columns, which are linear combinations of the existing ones.
 
-    combinations: (R, K, M) for each measured torque
+    data:         factors of K columns of R measured torques
+    combinations: (R, K, M) coefficients of the new columns, for each measured torque
     """
 
     def wider(triangle: Array) -> Array:
@@ -258,9 +264,12 @@ def beside(data: Factors, combinations: Array) -> Factors:
 
 
 def settled(data: Factors, columns: list[int], values: Array) -> Factors:
-    """Return the factors without `columns`, whose parameters are fixed at `values`.
+    """Return the factors without some columns, whose parameters are fixed and whose part is subtracted.
 
-    The contribution of these columns is subtracted from the observed value."""
+    data:    factors of K columns
+    columns: numbers of the columns to remove
+    values:  value of the parameter of each of them
+    """
     rest = [k for k in range(data.triangle.shape[-1] - 1) if k not in set(columns)]
 
     def without(triangle: Array) -> Array:
@@ -292,8 +301,11 @@ def of_all(data: Factors) -> Factors:
 
 
 def stacked_triangle(data: Factors, weight: Array) -> Array:
-    """Return the triangle (K+1, K+1) of all blocks and measured torques together, each multiplied by its `weight` (B,
-    R)."""
+    """Return one triangle (K+1, K+1) of the rows of all blocks and measured torques together, for a weighted fit.
+
+    data:   factors of B blocks of R measured torques, of K columns
+    weight: (B, R) factor on the rows of each block
+    """
     if _is_nothing(data.triangle):
         return np.zeros(data.triangle.shape[-2:])
     rows = data.triangle * weight[..., None, None]
@@ -307,8 +319,12 @@ def residual_squares(data: Factors, values: Array) -> Array:
 
 
 def scores(data: Factors, values: Array) -> Array:
-    """Return the scores A' e (B, R, K) of every block, with residuals e = observed - A values.
+    """Return the scores A' e (B, R, K) of every block, with columns A and residuals e = observed - A values.
 
-    A score is the direction in which the block would change the parameters `values` (K,)."""
+    A score is the direction in which the block would change the parameters.
+
+    data:   factors of B blocks of R measured torques
+    values: (K,) parameters
+    """
     left = -data.triangle @ np.append(values, -1.0)
     return np.asarray((np.swapaxes(data.triangle, -1, -2) @ left[..., None])[..., :-1, 0])

@@ -85,12 +85,15 @@ class Channels:
         return all((kind, 0) in self._where for kind in INERTIAL)
 
     def read(self, values: Array) -> Array:
-        """Return channels (..., D) from SI values of all signals (..., S), in the order of the class's description.
+        """Return the channels (..., D) of samples: angles, forces and attitude, computed from the signals.
 
-        The last channel is the slew rate [rad/s] where a sensor measures it, else the slew angle [rad]. Three channels
-        of the base's motion are present only with an inertial sensor on the base. A joint's angle without an encoder or
-        inclinometer is computed from the length of its cylinder. A force, pitch, roll or slew that no sensor measures
-        is 0."""
+        Their order is: joint angles [rad]; cylinder forces [N], positive when they push; with an inertial sensor on the
+        base its rate [rad/s] and specific forces forwards and upwards [m/s^2]; pitch and roll [rad]; slew rate [rad/s],
+        or where no sensor measures it slew angle [rad]. A joint's angle without an encoder or inclinometer is computed
+        from the length of its cylinder. A force, pitch, roll or slew that no sensor measures is 0.
+
+        values: (..., S) of all signals [SI]
+        """
         # one sample as numbers: arithmetic with arrays of one element takes many times as long
         each: Signals = values.tolist() if values.ndim == 1 else np.moveaxis(values, -1, 0)
         pitch, roll, slew = (self._value(each, k, 0.0) for k in self.house)
@@ -157,19 +160,30 @@ class Channels:
 
     @cached_property
     def unwraps(self) -> bool:
-        """Whether an encoder's slew angle is among the channels."""
-        return (Kind.SLEW_ANGLE, 0) in self._where
+        """Whether the last channel is an encoder's slew angle; a measured slew rate takes precedence over it."""
+        return (Kind.SLEW_ANGLE, 0) in self._where and (Kind.SLEW_RATE, 0) not in self._where
 
     def follow(self, before: Array, channels: "array[float]") -> "array[float]":
-        """Return the channels (D,) with the slew angle unwrapped to within half a turn of that in `before` (D,).
+        """Return the channels (D,) with the slew angle, the last one, unwrapped to half a turn of the one before.
 
-        An encoder that passes the end of its range has not turned back."""
+        An encoder that passes the end of its range has not turned back. Channels without a slew angle are returned as
+        they are.
+
+        before:   (D,) channels of the last sample
+        channels: (D,) channels of this sample
+        """
         if not self.unwraps:
             return channels
         return channels[:-1] + array("d", [np.unwrap([before[-1], channels[-1]])[1]])
 
     def _force(self, values: Signals, c: int) -> Array | float:
-        """Return the force of cylinder c [N], positive when it pushes, from all signals; 0 where it is not measured."""
+        """Return the force of cylinder c [N], positive when it pushes; 0 where it is not measured.
+
+        It is that of a force pin, or it follows from the pressures of head and rod side and their areas.
+
+        values: of all signals [SI]
+        c:      number of the cylinder
+        """
         pin, head, rod = self.pushed[c]
         if pin is not None:
             return values[pin]
@@ -180,14 +194,18 @@ class Channels:
         )
 
     def between(self, four: Array) -> Moved:
-        """Return the motion in the middle of four samples of smoothed channels (4, ..., D): values from their mean,
-        rates from their slope."""
+        """Return the motion in the middle of four samples: values from their mean, rates from their slope.
+
+        four: (4, ..., D) smoothed channels: joint angles [rad], cylinder forces [N], attitude
+        """
         return self.moved(mean(four), slope(four, self.dt))
 
     def moved(self, middle: Array, rate: Array, geometry: Geometry | None = None) -> Moved:
-        """Return the motion of channels. Lever and speed of an unusable cylinder are set to zero.
+        """Return the motion that channels and their rates describe, and which cylinders' forces can be used.
 
-        middle:   (..., D) channels
+        Lever and speed of an unusable cylinder (dead point, end stop) are set to zero.
+
+        middle:   (..., D) channels: joint angles [rad], cylinder forces [N], attitude
         rate:     (..., D) their rates [1/s]
         geometry: of these angles, where the caller has computed it
         """
@@ -202,12 +220,17 @@ class Channels:
         return Moved(found._replace(lever=lever, speed=speed, force_rate=rate[..., self.forces]), good)
 
     def _attitude(self, middle: Array, rate: Array, slew: Array) -> Attitude:
-        """Return the base's attitude (pitch, roll [rad]) and motion, from channels and their rates, each (..., D).
+        """Return the base's attitude and motion: pitch, roll [rad], pitch rate [rad/s], slew rate, specific force.
 
-        Without an inertial sensor on the base only its slew rate [rad/s] is known.
+        Without an inertial sensor on the base only the slew rate of its motion is known. The specific force [m/s^2] of
+        the first pin is that of the sensor at r less (i alpha - omega^2) r. It excludes the part of slewing, for which
+        the effect `Slew` accounts.
 
-        The specific force of the first pin is that of the sensor at r less (i alpha - omega^2) r. It excludes the part
-        of slewing, for which `Slew` accounts."""
+        middle: (..., D) channels, of which the last three are pitch, roll and slew; before them those of the inertial
+                sensor
+        rate:   (..., D) their rates [1/s]
+        slew:   (...,) slew rate [rad/s]
+        """
         pitch, roll = middle[..., -3], middle[..., -2]
         if not self.inertial:
             return Attitude(pitch, roll, 0.0, slew)
@@ -224,7 +247,10 @@ class Channels:
         return low, np.array([c.length_high - margin for c in self.machine.cylinders])
 
     def usable(self, moving: Motion | Geometry) -> Array:
-        """Return whether each cylinder's force (..., C) can be used: at no dead point and at no end stop."""
+        """Return whether each cylinder's force (..., C) can be used: at no dead point and at no end stop.
+
+        moving: levers [m/rad], lengths [m] and transmissions of the cylinders at one or more instants (...)
+        """
         low, high = self.stops
         lever = np.abs(moving.lever).max(axis=-1)
         clear = (moving.transmission > MIN_TRANSMISSION) & (lever > MIN_LEVER)
@@ -235,15 +261,21 @@ class Channels:
         return self.between(fours(self.smoothed(self.course(values))))
 
     def course(self, values: Array) -> Array:
-        """Return the channels (T, D) of a recording (T, S) without gaps, the slew angle unwrapped."""
+        """Return the channels (T, D) of a recording: joint angles [rad], cylinder forces [N], attitude.
+
+        A slew angle is unwrapped.
+
+        values: (T, S) samples of all signals [SI], without gaps
+        """
         channels = self.read(values)
-        if (Kind.SLEW_ANGLE, 0) in self._where:
+        if self.unwraps:
             channels[:, -1] = np.unwrap(channels[:, -1])
         return channels
 
     def turning(self, values: Array) -> Array:
-        """Return the rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a recording (T, S)
-        without gaps.
+        """Return the rate (T-1,) [rad/s] at which the chassis turns in the arm's plane, along a recording.
+
+        values: (T, S) samples of all signals [SI], without gaps
 
         It is the derivative of the pitch less the part that slewing on a slope causes; zero without a pitch sensor."""
         if (Kind.PITCH, 0) not in self._where:

@@ -24,10 +24,13 @@ def kinds(model: Model) -> NDArray[np.int_]:
 
 
 def drift_spread(model: Model, values: Array, differs: BetweenStrokes) -> Array:
-    """Return the standard errors (D,) of the drift: friction [N, N s/m], zeros [N].
+    """Return the standard errors (D,) of the drift (change since the identification): friction [N, N s/m], zeros [N].
 
-    values:  (P,) parameters
-    differs: differences between strokes
+    A friction changes by a share of its value, at least as much as SMALLEST_FRICTION [Pa] on the first cylinder's head
+    side. A pressure zero [Pa] counts as a force on the head side.
+
+    values:  (P,) parameters of the empty machine, the frictions among them
+    differs: standard errors of the differences: share of the friction, pressure [Pa]
     """
     least = SMALLEST_FRICTION * model.machine.cylinders[0].area_head
     friction = np.maximum(differs.friction * np.abs(values[model.changing_friction]), least)
@@ -45,7 +48,9 @@ def daily_spread(model: Model, values: Array) -> Array:
 
 
 def daily_correlation(model: Model) -> Array:
-    """Return the correlation (D, D) of the daily drifts: frictions follow the oil, a zero drifts by itself."""
+    """Return the prior correlation (D, D) of the drifts from day to day, frictions first, then pressure zeros.
+
+    All frictions follow the same oil, dry and viscous ones less with each other; a zero drifts by itself."""
     viscous, friction = _viscous(model), kinds(model) == 0
     alike = np.where(np.equal.outer(viscous, viscous), ONE_OIL, DRY_AND_VISCOUS) * np.outer(friction, friction)
     np.fill_diagonal(alike, 1.0)

@@ -54,7 +54,7 @@ class Filter:
         return np.stack([-np.sum(self.b[:k]) * x for k in range(1, len(self.b))])
 
     def step(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """Return state (order, *shape) and output (*shape) after one sample x (*shape).
+        """Return the filter's state (order, *shape) and its output (*shape) after one sample x (*shape).
 
         state: (order, *shape) before the sample
 
@@ -73,7 +73,7 @@ class Filter:
         return [(np.reshape(self.b[1:], shape), np.reshape(self.a[1:], shape)) for shape in shapes]
 
     def run(self, state: Array, x: Array) -> tuple[Array, Array]:
-        """Return state after a recording x (T, *shape), and the output (T, *shape).
+        """Return the filter's state after a recording x (T, *shape), and its output (T, *shape).
 
         state: (order, *shape) before the recording
         """
@@ -84,8 +84,13 @@ class Filter:
 
 
 def first_order(cutoff_hz: float, dt: float) -> Filter:
-    """Return L = w/(s + w) by Tustin's rule: y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2
-    (mechanics/README.md, section 5)."""
+    """Return the low-pass of first order L = w/(s + w), w = 2 pi cutoff_hz, by Tustin's rule (mechanics/README.md, 5).
+
+    y_k = ((1-a) y_{k-1} + a (x_k + x_{k-1}))/(1+a), a = w dt/2
+
+    cutoff_hz: -3 dB frequency [Hz]
+    dt:        fixed step [s]
+    """
     a = pi * cutoff_hz * dt
     return Filter((a / (1 + a), a / (1 + a)), (1.0, -(1 - a) / (1 + a)))
 
@@ -126,6 +131,8 @@ def fours(x: Array) -> Array:
 def denoised(x: Array, rate_hz: float) -> Array:
     """Return a recording x (T,) without the white noise of its sensor and without delay (Wiener filter, 1949).
 
+    rate_hz: samples per second [Hz]
+
     The noise level is the mean power in the upper half of the frequencies. Each frequency is multiplied by the share of
     its power that is not noise. It is removed when its power does not clearly exceed the noise (NOISE_MARGIN). The mean
     is kept. A regression on the result is not biased by the noise."""
@@ -148,7 +155,11 @@ def second_order(cutoff_hz: float, dt: float) -> Filter:
     """Return the Butterworth low-pass of second order, w^2/(s^2 + sqrt(2) w s + w^2), by Tustin's rule with the cut-off
     kept.
 
-    w = k 2/dt, k = tan(pi cutoff_hz dt). Raises ValueError unless the cut-off lies below half the sampling rate."""
+    w = k 2/dt, k = tan(pi cutoff_hz dt). Raises ValueError unless the cut-off lies below half the sampling rate.
+
+    cutoff_hz: -3 dB frequency [Hz]
+    dt:        fixed step [s]
+    """
     if not 0.0 < cutoff_hz * dt < 0.5:
         raise ValueError(f"a cut-off of {cutoff_hz:g} Hz does not lie below half of {1.0 / dt:g} samples a second")
     k = tan(pi * cutoff_hz * dt)

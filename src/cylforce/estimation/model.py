@@ -139,7 +139,9 @@ class Model:
 
     @cached_property
     def empty(self) -> Regressor:
-        """Regressor of the empty machine: gravity, inertia, centrifugal terms where slewing is measured, friction."""
+        """Columns of the empty machine's effects, by which its joint torques are columns @ parameters.
+
+        The effects are gravity and inertia, centrifugal terms where slewing is measured, and the friction laws."""
         rounding = self.filters.direction_speed
         laws: dict[str, ForceLaw] = {
             "coulomb": CoulombFriction(rounding),
@@ -160,7 +162,7 @@ class Model:
 
     @cached_property
     def filtered(self) -> FilteredRegressor:
-        """Filtered regressor with all K columns: of the P parameters, tool, friction at rest, pressure zeros."""
+        """All K columns with their filters: of the P parameters, tool, friction at rest and pressure zeros."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
@@ -192,7 +194,9 @@ class Model:
         return slice(first, first + len(self.machine.cylinders))
 
     def share_at_rest(self, columns: Array) -> Array:
-        """Return the share (..., R), 0 to 1, of the lever with friction of unknown direction.
+        """Return the share (..., R), 0 to 1, of each measured joint's lever with friction of unknown direction.
+
+        At rest the direction of friction is unknown; in motion the share is 0.
 
         columns: (..., R, K) all columns of filtered rows
         """
@@ -269,7 +273,10 @@ class Model:
 
     @cached_property
     def prior(self) -> Prior:
-        """Prior of the P parameters: the data sheet with its tolerances; of friction only the order of magnitude."""
+        """Prior mean and covariance of the P parameters: the data sheet with its tolerances, before any recording.
+
+        The parameters are J [kg m^2], X, Z [kg m] of each link, then those of slewing, friction and delay, of which
+        only the order of magnitude is known. Usual values of the machine's type replace those of the data sheet."""
         n = 3 * self.machine.size
         size = len(self.parameters)
         mean, covariance = np.zeros(size), np.zeros((size, size))
@@ -296,7 +303,11 @@ class Model:
         return Prior(mean, covariance)
 
     def _guesses(self) -> list[tuple[str, float, float]]:
-        """Return (name, mean, standard error) of every parameter of slew, friction and delay, without the bars."""
+        """Return the prior (name, mean, standard error) of every parameter of slewing, friction and delay.
+
+        Those of slewing [kg m^2] follow from the data sheet. Of friction only the order of magnitude is known: a share
+        of the cylinder's largest force [N, N s/m], or of its force; of the delay a time [s]. The bars of linkages are
+        not among them."""
         guesses = []
         if self._slews:
             for link in self.machine.links:

@@ -48,9 +48,12 @@ class Observed(NamedTuple):
 
 
 def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
-    """Yield segments of samples (T, S) without gaps, cut into pieces of CHUNK_SECONDS.
+    """Yield pieces (T, S) of at most CHUNK_SECONDS of a recording, so that it is processed in constant memory.
 
-    Pieces overlap by the settling time of the filters, so that only the first samples of a segment are lost."""
+    Pieces overlap by the settling time of the filters, so that only the first samples of a segment are lost.
+
+    segments: stretches of samples (T, S) of all signals [SI] without gaps
+    """
     step, overlap = int(CHUNK_SECONDS * model.filters.rate_hz), model.settle_steps + 1
     for segment in segments:
         for first in range(0, max(len(segment) - overlap, 1), step):
@@ -60,13 +63,14 @@ def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
 
 
 def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) -> Observed:
-    """Return the rows of a stretch of samples (T, S) without gaps.
+    """Return the filtered rows of a stretch of samples: measured joint torques [N m] and the columns that explain them.
 
     The settling time of the filters is omitted. Rows with an unusable lever or unknown direction of friction have NaN
     as torque.
 
-    first: step of the recording at which the stretch begins
-    noisy: estimate the sensors' noise; False: taken as zero, in half the time
+    values: (T, S) samples of all signals [SI], without gaps
+    first:  step of the recording at which the stretch begins
+    noisy:  whether the sensors' noise is estimated; False: taken as zero, in half the time
     """
     moved = model.channels.run(values)
     rows = model.filtered.run(moved.motion)
@@ -104,7 +108,9 @@ def unusable(model: Model, moved: Moved) -> NDArray[np.bool_]:
 
 
 def noise_like(values: Array, first: int) -> Array:
-    """Return white noise (T, S) as strong as that of the samples (T, S), reproducibly.
+    """Return white noise (T, S) as strong as that of samples, the same at every call.
+
+    values: (T, S) samples of all signals [SI]
 
     Its level is estimated from their third differences, in which smooth motion vanishes. Its signs are a maximal-length
     sequence, a different part of it for each signal.
@@ -124,7 +130,7 @@ def noise_like(values: Array, first: int) -> Array:
 
 @cache
 def _signs() -> Array:
-    """Return one period of the maximal-length sequence, as 1 and -1."""
+    """Return one period of a maximal-length sequence (pseudo-random bits) as 1 and -1: signs of artificial noise."""
     from scipy import signal  # here, because programs that only read results do without scipy
 
     return np.asarray(2.0 * signal.max_len_seq(SEQUENCE)[0] - 1.0)
@@ -157,7 +163,10 @@ class TooShortError(ValueError):
 
 
 def _marks(seen: Observed) -> Array:
-    """Return the marks (T, N + 3 C + 2 R) of each sample, in the order of `observed_factors`."""
+    """Return the marks (T, N + 3 C + 2 R) of each sample: figures that describe what the machine does in a block.
+
+    In this order: joint angles (N) [rad]; absolute speed (C) of the cylinders [m/s]; 1 where each extends (C); 1 where
+    each retracts (C); torque (R) [N m], 0 where the row is not fitted; 1 where the row is fitted (R)."""
     ways = (seen.speed > MOVING, seen.speed < -MOVING)
     fitted = seen.certain & np.isfinite(seen.torque) & np.all(np.isfinite(seen.columns), axis=-1)
     torque = (np.where(fitted, seen.torque, 0.0), fitted)
@@ -165,7 +174,9 @@ def _marks(seen: Observed) -> Array:
 
 
 def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = True) -> Factors:
-    """Return the factors of a recording.
+    """Return the triangular factors of a recording's rows, in blocks, from which the parameters are fitted.
+
+    segments: stretches of samples (T, S) of all signals [SI] without gaps
 
     The columns are those of the P parameters, the three of the tool and those of the C pressures' zero errors, whose
     noise is neglected. The marks of a block are, in this order:
@@ -178,7 +189,7 @@ def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = T
 
     Raises TooShortError with a sentence when no segment is long enough.
 
-    noisy: see `observe`
+    noisy: whether the sensors' noise is estimated; False: taken as zero, in half the time
     """
     step = int(CHUNK_SECONDS * model.filters.rate_hz)
     seen = (observe(model, piece, k * step, noisy=noisy) for k, piece in enumerate(chunks(model, segments)))

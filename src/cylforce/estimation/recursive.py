@@ -43,6 +43,7 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
 
     A row of infinite variance has no effect. Without rows the factor becomes a triangle again.
 
+    root:     information about P parameters so far: triangle R and right-hand side z
     columns:  (R, P) of the rows
     observed: (R,) observed values
     variance: (R,) of the error of each row
@@ -66,6 +67,7 @@ def _upper(size: int) -> Array:
 def forget(root: Root, columns: Array, keep: float) -> Root:
     """Return the state without a share 1 - keep of its information in the directions of some rows.
 
+    root:    information about P parameters: triangle R and right-hand side z
     columns: (rows, P) coefficients of these rows
     keep:    share of the information that remains, 0 to 1
 
@@ -80,7 +82,7 @@ def forget(root: Root, columns: Array, keep: float) -> Root:
 
 
 def solution(root: Root) -> tuple[Array, Array]:
-    """Return the estimate (P,) and its covariance (R'R)^-1 (P, P).
+    """Return the least-squares estimate R^-1 z (P,) and its covariance (R'R)^-1 (P, P), from the information `root`.
 
     Raises numpy.linalg.LinAlgError while the information is singular."""
     inverse = np.linalg.inv(root.factor)

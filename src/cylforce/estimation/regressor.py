@@ -54,7 +54,11 @@ class Regressor:
     def both_halves(self, moving: Motion) -> tuple[Array, Array]:
         """Return momentum and static columns, each (..., R, P): torque = d/dt (momentum @ p) + static @ p.
 
-        Columns of a parameter that several effects share are added."""
+        R are the measured joint torques [N m], p are the P parameters of all effects. Columns of a parameter that
+        several effects share are added.
+
+        moving: motion of the machine at one or more instants (...)
+        """
         shape = (*moving.q.shape[:-1], self.machine.size, len(self.parameters))
         momentum, static = np.zeros(shape), np.zeros(shape)
         for effect, places, shared in zip(self.effects, self._places, self._shared, strict=True):
@@ -68,8 +72,11 @@ class Regressor:
         return momentum[..., self._rows, :], static[..., self._rows, :]
 
     def products(self, moving: Motion, values: Array, without: Collection[Effect] = ()) -> tuple[Array, Array]:
-        """Return momentum [N m s] and static torque [N m], each (..., R).
+        """Return momentum [N m s] and static torque [N m] of the effects at these parameters, each (..., R).
 
+        The torque of a measured joint is d/dt momentum + static torque.
+
+        moving:  motion of the machine at one or more instants (...)
         values:  (P,) parameters
         without: effects that are omitted
         """
@@ -94,7 +101,7 @@ def _times(columns: Array, values: Array) -> Array:
 
 
 def _compact(places: list[int]) -> Array | slice:
-    """Return ascending consecutive indices as a slice, any others as an array.
+    """Return the indices `places` as a slice if they are consecutive and ascending, else as an array.
 
     Indexing with a slice is much faster."""
     if places == list(range(places[0], places[0] + len(places))):
@@ -163,7 +170,7 @@ class FilteredRegressor:
 
     @cached_property
     def shares(self) -> tuple[float, ...]:
-        """State of `mean` before a first input of 1."""
+        """State (3,) of the filter `mean` before a first input of 1, after zeros."""
         b = self.mean.b
         return tuple(step * sum(b) / 3.0 - sum(b[: step + 1]) for step in range(3))
 

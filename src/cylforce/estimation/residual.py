@@ -36,7 +36,9 @@ class Residual(NamedTuple):
 
 
 def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
-    """Return the residual r = scale (torque - W Phi - drift) of one instant, with its variances.
+    """Return the residual torque r = scale (torque - W Phi - drift) of one instant [N m], with its variances.
+
+    Of the empty machine it is zero but for errors; else it is the torque of a load or of a force at the tool.
 
     tares: Phi (P,), of the model's parameters
     rows:  of the instant: columns (R, K), which begin with W (R, P), and torques (R,) [N m]
@@ -50,12 +52,13 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
 
 
 def _at_rest(model: Model, tares: Tares, rows: Rows) -> Array:
-    """Return the standard error (..., R) [N m] of the torque by friction at rest.
+    """Return the standard error (..., R) [N m] of the measured torques by friction at rest, whose direction is unknown.
 
     The share of each cylinder's lever with friction of unknown direction has an error of its Coulomb friction plus the
     part of friction that grows with the force. That force times the lever is the row's torque.
 
-    rows: columns (..., R, K) and torques (..., R) [N m]
+    tares: identified parameters, Coulomb friction [N] among them
+    rows:  columns (..., R, K) and torques (..., R) [N m]
     """
     unknown = rows.columns[..., model.at_rest]
     share = unknown / np.maximum(np.abs(rows.columns[..., model.coulomb]) + np.abs(unknown), 1e-300)
@@ -73,7 +76,7 @@ def by_load(model: Model, values: Array) -> Array:
     return np.array([0.0 if k is None else max(float(values[k]), 0.0) for k in places])
 
 
-def correlated(filters: Filters, seconds: float = 0.0) -> float:
+def correlated_samples(filters: Filters, seconds: float = 0.0) -> float:
     """Return the number of consecutive samples that count as one independent sample.
 
     It is the correlation time of the filters, or the longer one that was measured of the residual.

@@ -16,8 +16,9 @@ def gapless(values: Array, longest: int) -> list[Array]:
 
 
 def stretches(values: Array, longest: int) -> list[tuple[int, Array]]:
-    """Return the stretches without NaN of samples (T, S), each with the number of its first row.
+    """Return the stretches of a recording without NaN, each with the number of its first row.
 
+    values:  (T, S) samples, NaN where there is none
     longest: rows of a gap up to which it is filled by linear interpolation
     """
     good = np.flatnonzero(np.all(np.isfinite(values), axis=1))

@@ -67,9 +67,13 @@ class Sensitivity:
         return np.asarray(self.low.run(self.low.steady(values[0]), values)[1][:: self.thin])
 
     def _channels(self, values: Array) -> Array:
-        """Return the channels (T', D) of changed samples (T, S), at the reduced rate.
+        """Return the channels (T', D) of changed samples (T, S) [SI], at the reduced rate.
 
-        Only the signals that differ from the recording's are filtered and thinned; the others are copied."""
+        The channels are joint angles [rad], cylinder forces [N] and attitude of the base. Only the signals that differ
+        from the recording's are filtered and thinned; the others are copied.
+
+        values: (T, S) samples of the recording with some signals changed [SI]
+        """
         differs, thinned = _changed(values, self.values), self.thinned.copy()
         thinned[:, differs] = self._thinned(values[:, differs])
         return self.model.channels.course(thinned)
@@ -99,7 +103,7 @@ class Sensitivity:
         return self.model.channels.moved(*self._means, self._geometry).motion
 
     def _motion(self, channels: Array) -> Motion:
-        """Return the motion of channels (T', D), of which some differ from the recording's.
+        """Return the motion of the model's machine from channels (T', D), of which some differ from the recording's.
 
         Where only forces differ, the motion is the recording's with these forces; where no joint angle differs, the
         geometry is the recording's."""
@@ -112,16 +116,23 @@ class Sensitivity:
         return self.model.channels.moved(middle, rate, known).motion
 
     def _altered(self, machine: Machine) -> Motion:
-        """Return the motion of the recording's samples on another machine."""
+        """Return the motion that the recording's samples mean on another machine.
+
+        machine: with the same sensors, but another geometry, such as a cylinder of another length
+        """
         channels = Channels(machine, self.model.filters)
         course = channels.course(self.thinned)
         means = self._means if np.array_equal(course, self._plain) else self._between(course)
         return channels.moved(*means).motion
 
     def _difference(self, more: tuple[Machine, Motion], less: tuple[Machine, Motion]) -> Array:
-        """Return the residual (T', R) [N m] of one machine and motion less that of another one.
+        """Return the residual torque (T', R) [N m] of one machine and motion less that of another one.
 
-        Effects that are the same in both are omitted."""
+        Effects that are the same in both are omitted, which saves time.
+
+        more: machine and its motion whose residual is taken
+        less: machine and its motion whose residual is subtracted
+        """
         same = _linked(more[0]) == _linked(less[0])
         alike = [e for e in self.model.empty.effects if same and _alike(e, more[1], less[1])]
         one, two = (self._unfiltered(*each, alike) for each in (more, less))

@@ -184,6 +184,11 @@ class LogWriter:
         """Return the number of events that did not reach a file; known once logging has failed or ended."""
         return self._logged - self._written if self.failure else 0
 
+    @property
+    def backlog(self) -> int:
+        """Return the number of bytes that wait for the writing thread."""
+        return self._passed - self._done
+
     def log(self, event: Event | Sent) -> None:
         """Log an event, before the service processes it, or a frame that our node sent."""
         self._logged += 1
@@ -202,7 +207,7 @@ class LogWriter:
         if self._rotation is None:
             return False
         if self.failure is not None:
-            stalled = self._passed - self._done > self._backlog_bytes // 2
+            stalled = self.backlog > self._backlog_bytes // 2
             return not stalled and not 0 <= self._now_us - self._failed_us < RETRY_US
         return self._room <= 0 or self._lost_name
 
@@ -227,7 +232,7 @@ class LogWriter:
         if self._resumed:
             self._resumed = self._reported = False
             self._report(f"{self._path}: logging continues")
-        if self._passed - self._done > self._backlog_bytes:
+        if self.backlog > self._backlog_bytes:
             self._error = self._error or TimeoutError(None, "the disk does not keep up")
         if self._error is None:
             self._pass(block, events)

@@ -74,7 +74,7 @@ def run_commission(loaded: Loaded, order: Order, console: Console) -> bool:
     guide = _guide(loaded, order)
     view = _collected(loaded, guide, order, console)
     if not view.advice.done:
-        _stop(loaded, order, view, console)
+        report_stop(loaded, order, view, console)
         return False
     with progress_bar() as watch:
         found = run_identify(loaded, [order.log], order.output, How(attachment=order.attachment), watch)
@@ -183,7 +183,8 @@ def check_outcome(guide: Guide, view: View, give_up_s: float = GIVE_UP_S) -> Non
         )
 
 
-def _stop(loaded: Loaded, order: Order, view: View, console: Console) -> None:
+def report_stop(loaded: Loaded, order: Order, view: View, console: Console) -> None:
+    """Print that the recording was stopped early, and the command that identifies from its log as it is."""
     tool = "" if order.attachment == STANDARD else f" --attachment {order.attachment}"
     again = f"cylforce identify {loaded.path} {order.log} -o {order.output}{tool}"
     if view.advice.seconds < MIN_SECONDS:

@@ -88,7 +88,7 @@ class Daemon(Station):
         self.on_estimate: OnEstimate = _ignore
         self._j1939 = _j1939_of(core.service, bus)
         self._second = round(core.service.filters.rate_hz)  # steps
-        self._books = Ledger(self.node, recorder, kept, core.service.tools)
+        self.books = Ledger(self.node, recorder, kept, core.service.tools)
         self._show_identity = partial(show_identity, self.node, loaded, identified)
         self._show_identity()
         self.reloading, self._sealed = Reloading(loaded, identified, self._take), sealed_as(identified)
@@ -116,7 +116,7 @@ class Daemon(Station):
         for sentence in new.warnings:
             self._tell.warning("parameters", why=sentence)
         self._tell.info("reloaded", parameters=new.seal)
-        self._books.reloaded(now_us(), new.seal)
+        self.books.reloaded(now_us(), new.seal)
 
     def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
         """End the steps after an error in one: publish invalid values, and send an emergency."""
@@ -128,7 +128,7 @@ class Daemon(Station):
     def protected(self, words: str) -> None:
         """Enter an event of the lock into the journal and the audit trail."""
         super().protected(words)
-        self._books.audit(now_us(), "SDO client", words)
+        self.books.audit(now_us(), "SDO client", words)
 
     def after_frame(self, frame: Frame) -> None:
         """Check a frame for a claim of our J1939 address by another node."""
@@ -156,8 +156,8 @@ class Daemon(Station):
             if self._j1939 is not None:
                 self._j1939.publish(self.weighing.estimate)
         if self._j1939 is not None and self.counts.steps % self._second == 0:
-            self._j1939.publish_totals(self.weighing.estimate.t_us, self.weighing.truck.total, self._books.lifetime)
-        self._books.look(self.weighing)
+            self._j1939.publish_totals(self.weighing.estimate.t_us, self.weighing.truck.total, self.books.lifetime)
+        self.books.look(self.weighing)
         self._sensor_messages.report(self.weighing.monitor.suspicion)
         self._say_changes(self.weighing.estimate)
         self.on_estimate(self.weighing.estimate)

@@ -93,8 +93,12 @@ class DriftConstants(Constants):
     def __init__(
         self, model: Model, tares: Tares, strokes: BetweenStrokes | None = None, kernel: Kernel | None = None
     ) -> None:
-        """Compute the priors of drift and carry-back.
+        """Compute the prior spreads of the drift and of the carry-back (material that stays in the returning bucket).
 
+        The drift is the change of friction [N, N s/m] and pressure zeros [N] since the identification.
+
+        model:   of the machine
+        tares:   identified parameters of the empty machine
         strokes: spread of friction and zeros between strokes, if they may have drifted by that only; None: they may
                  have drifted as from day to day
         kernel:  form of the kernel; None: the compiled one if there is one
@@ -115,20 +119,24 @@ class DriftConstants(Constants):
         self.layout = DriftLayout(len(self.spread))
         self.plan = self._plan()
 
-    def _limits(self) -> tuple[Array, Array]:
-        """Return the smallest and the largest drift (D,)."""
+    def limits(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest possible drift (D,), friction first [N, N s/m], then zeros [N].
+
+        Friction with its drift stays between FRICTION_RANGE times the identified one. A zero drifts by at most
+        ZERO_LIMIT [Pa] on the head side of its cylinder, either way."""
         friction = np.abs(self.tares.values[self.model.changing_friction])
         zero = np.array([ZERO_LIMIT * c.area_head for c in self.model.machine.cylinders])
         low = np.concatenate([(FRICTION_RANGE[0] - 1.0) * friction, -zero])
         return low, np.concatenate([(FRICTION_RANGE[1] - 1.0) * friction, zero])
 
     def _plan(self) -> KernelDrift:
-        """Return the kernel's form of the adaptation.
+        """Return all constants of the adaptation in the form that the kernel takes.
 
-        The spread of the drift is fitted to this machine: k^2 (2,) of friction and of zeros, with one step of
-        expectation maximisation per update, as between strokes (`commissioning.zeros`). A drift that was not excited
-        does not change k. The priors of drift and usual amount are no part of the root, so that they neither fade nor
-        grow where nothing is excited."""
+        They are: which columns the unknowns have (load, friction, zeros), their prior spreads, their limits, the errors
+        of the rows, and how fast old information fades. The kernel also fits the spread of the drift to this machine:
+        k^2 (2,) of friction and of zeros, with one step of expectation maximisation per update. A drift that was not
+        excited does not change k. The priors of drift and usual amount are no part of the recursive information, so
+        that they neither fade nor grow where nothing is excited."""
         model, r = self.model, len(self.model.machine.rows)
         k, n, places = len(model.filtered.regressor.names), OWN + len(self.spread), np.argwhere(model.load)
         keep = 1.0 - EVERY / (MEMORY_SECONDS * model.filters.rate_hz)
@@ -137,7 +145,7 @@ class DriftConstants(Constants):
         usual = [USUAL[1] * model.machine.rated_payload]
         unit = np.concatenate([self.deviation, usual, self.spread])
         errors = np.broadcast_to(self.tares.row_error, (r,))
-        parts = [model.load[tuple(places.T)], unit, *self._limits(), errors]
+        parts = [model.load[tuple(places.T)], unit, *self.limits(), errors]
         room = [np.zeros(size) for size in (max(r, 1) * n, max(r, 1) * n, n, n * n, n * n)]
         limits = [CERTAIN_SHARE, keep, self.memory, PRIOR_COUNT, SHOWN, USUAL[0] / USUAL[1]]
         arrays = [numbers(each) for each in (*parts, np.linalg.inv(self.correlation).ravel(), self.usual, *room)]
@@ -177,10 +185,11 @@ class DriftFilter(Estimator):
 
     @classmethod
     def start(cls, constants: DriftConstants) -> Self:
-        """Return the state without drift, with its prior standard errors.
+        """Return the state before any return: no drift of friction and zeros, with its prior standard errors.
 
-        The information (5 + D unknowns) begins with the prior of the deviation of the load from the usual one (4); the
-        priors of usual amount and drift are added by the kernel, so that they do not fade."""
+        The information on the 5 + D unknowns begins with the prior of the carry-back's deviation from the usual one, as
+        a load (4). The priors of the usual carry-back (1) and of the drift (D) are added by the kernel at each update,
+        so that they do not fade."""
         drift = np.zeros_like(constants.spread)
         information = np.diag(np.concatenate([1.0 / constants.deviation, [0.0], drift]))
         return cls(
@@ -198,10 +207,11 @@ class DriftFilter(Estimator):
         )
 
     def pause(self) -> None:
-        """Begin another return, because the bucket was not empty: the next return has an unknown deviation of its own.
+        """Begin another return of the empty bucket, because the bucket was loaded: the carry-back may be another one.
 
-        The triangle of the root lists the deviation first, so that its lower part is the information about the usual
-        amount and the drift when the deviation is unknown."""
+        What is known about the carry-back's deviation from its usual amount is discarded, what is known about the usual
+        amount and the drift is kept. The triangle of the information (`root`) lists the deviation first, so that its
+        lower part is the information on the others when the deviation is unknown."""
         self.following = False
         if not self.informed:
             return
@@ -211,7 +221,7 @@ class DriftFilter(Estimator):
         self.root, self.informed = Root(factor, right), False
 
     def update(self, residual: InstantResidual, usable: Numbers) -> None:
-        """Update the drift with one instant with an empty bucket in the air.
+        """Update the drift of friction and pressure zeros with one instant with an empty bucket in the air.
 
         Only every EVERY-th instant with a row that can be used changes the drift.
 
@@ -219,11 +229,11 @@ class DriftFilter(Estimator):
         opposite sign, as Coulomb friction. A boom that always moves down while the bucket is empty determines only the
         sum of both, so that such an error would remain.
 
-        residual: measured torque less that of the tares and of the present drift
-        usable:   (R,) 1 where a row can be used, else 0
+        residual: measured joint torques less those of the empty machine (tares) and of the present drift [N m]
+        usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         c = self.constants
-        number = c.kernel.certain(c.plan, residual.rows, usable)
+        number = c.kernel.rows_for_drift(c.plan, residual.rows, usable)
         self.following = number > 0
         if not number:
             return
@@ -235,7 +245,9 @@ class DriftFilter(Estimator):
         after = ZERO * place.size
         instant = (residual.rows, residual.numbers, residual.wider)
         root = self.root
-        c.kernel.follow(c.plan, number, *instant, root.factor, root.right, self.values, self.scale, self.mass, after)
+        c.kernel.update_drift(
+            c.plan, number, *instant, root.factor, root.right, self.values, self.scale, self.mass, after
+        )
         self.root = Root(part(after, place.factor).reshape(n, n), part(after, place.right))
         self.values = part(after, place.values)
         self.covariance = part(after, place.covariance).reshape(d, d)

@@ -84,7 +84,10 @@ class AssemblerConstants(Constants):
     """
 
     def __init__(self, service: Service) -> None:
-        """Compile the PDOs of all sensor nodes of a machine file's `service` settings."""
+        """Compute what is needed to read the sensors' frames: decoders of their PDOs, checks, places in the state.
+
+        service: settings of the machine file: machine with its signals, sensor nodes with their PDOs, health limits
+        """
         machine, self.service = service.machine, service
         self.kernel = choice.chosen()
         self.supervisor = Supervisor(service)
@@ -104,7 +107,12 @@ class AssemblerConstants(Constants):
         self.orders = lru_cache(maxsize=64)(self._order)
 
     def _order(self, ids: tuple[int, ...]) -> FrameOrder | None:
-        """Return the plan for frames with these identifiers; None where one of them is no sensor's."""
+        """Return the plan for decoding successive frames with these identifiers together.
+
+        It is None where one of the identifiers is no sensor's.
+
+        ids: CAN identifiers of the frames, in their order
+        """
         if not set(ids) <= set(self.mapped):
             return None
         found = [self.mapped[can_id] for can_id in ids]
@@ -113,7 +121,12 @@ class AssemblerConstants(Constants):
         return FrameOrder(sorts, [pdo.size for pdo in found], Struct("<" + "".join(formats)))
 
     def _plan(self) -> KernelInputs:
-        """Return the kernel's constants of all signals and PDOs: places, scales, ranges and limits of plausibility."""
+        """Return the constants of all signals and PDOs in the form that the kernel takes.
+
+        They are, of each field that carries a signal: its place, scale, range [SI] and the raw value for "no value"; of
+        each PDO: its shortest period and the patience with its node [us]; of each signal: its fastest change [SI/s],
+        period [s], noise [SI], age above which it is late [us], and the turn after which it repeats [rad]; the limits
+        of the machine file."""
         machine, health, watcher = self.service.machine, self.service.health, self.supervisor
         found = [self.decoders[pdo.can_id] for _, pdo in watcher.pdos]
         slots = [slot for decoder in found for slot in decoder.slots]
@@ -157,7 +170,7 @@ class Assembler(Estimator):
 
     @classmethod
     def start(cls, constants: AssemblerConstants) -> Self:
-        """Return the state before any frame.
+        """Return the state of the sensors' inputs before any frame.
 
         The signals have no value (reason SIGNAL_MISSING), the PDOs and heartbeats have never been received, and neither
         a frame that is too long nor another sender of our identifiers has been seen."""
@@ -188,10 +201,14 @@ class Assembler(Estimator):
         elif [*map(len, parts)] != order.sizes:
             self._receive_one_by_one(frames, moving)
         else:
-            self._judge(order.sorts, times, order.layout.unpack(b"".join(parts)), moving)
+            self._take(order.sorts, times, order.layout.unpack(b"".join(parts)), moving)
 
     def _receive_with_unknown(self, frames: Sequence[Frame], moving: Numbers) -> None:
-        """Decode frames some of which are no sensor's; successive frames of sensors are decoded together."""
+        """Decode sensors' frames, as many together as follow each other, and count frames that are no sensor's.
+
+        frames: in the order of their reception
+        moving: (S,) not 0 where an equal value means a frozen sensor
+        """
         begin = 0
         for k, frame in enumerate(frames):
             if frame.can_id not in self.constants.mapped:
@@ -201,15 +218,19 @@ class Assembler(Estimator):
         self.receive(frames[begin:], moving)
 
     def _receive_one_by_one(self, frames: Sequence[Frame], moving: Numbers) -> None:
-        """Decode frames some of which are shorter or longer than their mapping."""
+        """Decode sensors' frames one after the other, because some are shorter or longer than their mapping.
+
+        frames: in the order of their reception
+        moving: (S,) not 0 where an equal value means a frozen sensor
+        """
         for frame in frames:
             pdo = self.constants.mapped[frame.can_id]
             longer = len(frame.data) - pdo.size
             sorts = array("q", (pdo.number, (longer > 0) - (longer < 0)))
-            self._judge(sorts, (frame.t_us,), pdo.unpack(frame.data) if longer >= 0 else (), moving)
+            self._take(sorts, (frame.t_us,), pdo.unpack(frame.data) if longer >= 0 else (), moving)
 
-    def _judge(self, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers) -> None:
-        """Update the state with frames of sensors.
+    def _take(self, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers) -> None:
+        """Update the state of signals and PDOs with sensors' frames: decode their values, check their plausibility.
 
         sorts:  number of each frame's PDO, then -1, 0, 1: too short, as mapped, too long
         times:  of each frame [us]
@@ -220,7 +241,10 @@ class Assembler(Estimator):
         constants.kernel.receive(constants.plan, self.state, sorts, size, array("d", times), array("d", raw), moving)
 
     def _receive_unknown(self, frame: Frame) -> None:
-        """Count a frame that is no sensor's PDO, and update the state with a heartbeat or one of our identifiers."""
+        """Count a frame that is no sensor's PDO.
+
+        A heartbeat of a sensor node updates its NMT state; a frame with one of our identifiers is noted with its time,
+        because another node sends it."""
         layout, supervisor = self.constants.layout, self.constants.supervisor
         node = supervisor.nodes.get(frame.can_id)
         if node is not None and len(frame.data) == 1:
@@ -230,7 +254,12 @@ class Assembler(Estimator):
         self.state[layout.unknown] += 1.0
 
     def restart(self, node_id: int) -> None:
-        """Discard the values of a sensor node that booted; its signals are used again after enough good values."""
+        """Discard the values of a sensor node that booted; its signals are used again after enough good values.
+
+        The steps [SI] that its angles made before remain known.
+
+        node_id: of the node
+        """
         constants, layout = self.constants, self.constants.layout
         for number, node in enumerate(constants.service.nodes):
             if node.node_id == node_id:
@@ -245,9 +274,13 @@ class Assembler(Estimator):
         self.state[place] = numbers(astuple(what))
 
     def sample(self, t_us: int) -> Sample:
-        """Return the sample at a tick, with unwrapped angles.
+        """Return the sample at a tick: the last value (S,) of each signal [SI], or the reason why it is not usable.
 
-        The last value of a signal that is late or was refused is used for `hold_s`; after that it is invalid."""
+        Angles are unwrapped. The last value of a signal that is late or was refused is used for the machine file's
+        `hold_s` [s]; after that it is not usable.
+
+        t_us: time of the tick [us]
+        """
         constants, place = self.constants, self.constants.sample
         found = ZERO * place.size
         bad = constants.kernel.usable(constants.plan, self.state, t_us, found)
@@ -306,7 +339,7 @@ class Assembler(Estimator):
         return abs(t_us - self.state[self.constants.layout.foreign_us]) < QUIET_US
 
     def doubled(self, t_us: int) -> tuple[Pdo, ...]:
-        """Return the PDOs that more than one node has sent in the last QUIET_US."""
+        """Return the layouts of the PDOs that more than one node has sent in QUIET_US [us] before the time `t_us`."""
         constants = self.constants
         last = self.state[constants.layout.second_us]
         pdos = constants.supervisor.pdos

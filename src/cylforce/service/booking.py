@@ -57,11 +57,12 @@ class Weighed:
 
 
 def weighed(lift: Lift, parameters: int, tilt: float | None, slopes: Array | None) -> Weighed:
-    """Return the present weight of a lift.
+    """Return the present weight of a lift [kg] with its sensitivities to tares, drift and errors of signals.
 
+    lift:       recursive estimate of the load
     parameters: P, number of tares
-    tilt:       present angle of the tool to the house [rad]
-    slopes:     as in `Weighed`
+    tilt:       present angle of the tool to the house [rad]; None where the tool empties without tilting
+    slopes:     (H,) change of the mass per unit of an undetected error of each signal; None: not known
     """
     gain, noise = lift.covariance[0] @ lift.gram, float(lift.covariance[0, 0])
     mass, drifted = float(lift.values[0]), gain[parameters:]
@@ -170,11 +171,11 @@ class BookingConstants(Constants):
         self.reported = tares._replace(scale_error=tares.reported_scale_error)
 
     def variances(self, weight: Weighed, drift: DriftKnowledge, tares: Tares, sizes: Array | None = None) -> Variances:
-        """Return the parts of the variance of the corrected mass.
+        """Return the parts of the variance [kg^2] of the mass of a weight, corrected by the drift.
 
         weight: at an instant of a lift
         drift:  of friction and zeros
-        tares:  with the error of the scale that counts
+        tares:  identified parameters of the empty machine, with the error of the scale that counts
         sizes:  (H,) independent errors of the signals; None: not known
         """
         slopes = weight.slopes
@@ -191,14 +192,22 @@ class BookingConstants(Constants):
         return sqrt(self.variances(weight, drift, self.tares).total)
 
     def reported_error(self, weight: Weighed, drift: DriftKnowledge, sizes: Array | None) -> float:
-        """Return the reported standard error [kg] of the corrected mass.
+        """Return the reported standard error [kg] of the mass of a weight, corrected by the drift.
 
-        It also contains the error of the common scale of all pressures, and `sizes` (H,), errors of the signals."""
+        Beyond those of noise, identified parameters (tares), drift and scale it contains the error of the common scale
+        of all pressures.
+
+        weight: at an instant of a lift, with its sensitivities
+        drift:  of friction and zeros, with its covariance
+        sizes:  (H,) probable errors of the signals, which count, too; None: not known
+        """
         return sqrt(self.variances(weight, drift, self.reported, sizes).total)
 
 
 def difference(lifted: Weighed, empty: Weighed) -> Weighed:
-    """Return the dumped weight, whose sensitivities contain only the errors that both weights do not have in common.
+    """Return the dumped weight: the mass [kg] of the load less that of the carry-back.
+
+    Errors of the tares, of the drift and of the signals that both weights have in common cancel in its sensitivities.
 
     lifted: weight of the load
     empty:  weight of the carry-back
@@ -249,7 +258,10 @@ class Bookings(Estimator):
         return cls(constants)
 
     def note_measurement(self, t_us: int) -> None:
-        """Update the time [us] of the last measurement; discard the load after a pause longer than REFILL_S."""
+        """Update the time of the last measurement to `t_us` [us].
+
+        After a pause of more than REFILL_S seconds the load that waits for booking is discarded, because the bucket may
+        have been emptied and filled again."""
         if self.measured_us is not None and not 0 <= t_us - self.measured_us <= 1e6 * REFILL_S:
             self.discard_candidate()
         self.measured_us = t_us
@@ -259,15 +271,17 @@ class Bookings(Estimator):
         self.newest = self.dumped = None
 
     def change_load(self) -> None:
-        """Handle a change of the load in the air, as by a spill: the next weight replaces the candidate.
+        """Handle a change of the load in the air, as by a spill: the next weight is to be booked instead.
 
-        For that the candidate's number of samples in motion becomes 0."""
+        For that the number of samples in motion of the candidate, the weight that waits for booking, becomes 0."""
         self.end_lift()
         if self.candidate is not None:
             self.candidate = replace(self.candidate, moving=0)
 
     def discard_candidate(self) -> None:
-        """Report the candidate as missed, because the bucket may have been emptied and filled again unobserved."""
+        """Discard the candidate, the weight that waits for booking, and report it as missed.
+
+        The bucket may have been emptied and filled again unobserved."""
         if self.candidate is not None:
             self._miss(self.candidate.mass, MissedReason.INTERRUPTED)
         self.newest = self.candidate = self.dumped = None
@@ -279,14 +293,20 @@ class Bookings(Estimator):
     def update(self, weight: Weighed, t_us: int, drift: DriftKnowledge) -> None:
         """Update the bookings with the present weight of a lift that has continued.
 
-        The weight before it is now confirmed as that of a hanging load. It becomes the candidate for booking, or it is
-        that of an empty bucket, and the candidate is booked."""
+        The weight before this one is now confirmed, because the lift has continued. If it is that of a load it becomes
+        the candidate for booking. If it is that of an empty bucket the candidate is booked, as soon as the weights are
+        accurate enough.
+
+        weight: present weight of the lift
+        t_us:   time [us]
+        drift:  of friction and zeros, by which the masses are corrected
+        """
         settled, self.newest, rated = self.newest, weight, self.constants.rated
         if settled is None or settled.noise > (GOOD_ENOUGH * rated) ** 2:
             return
         if settled.corrected(drift) >= EMPTY_BELOW * rated:
             better = self._better(settled, drift)
-            self._pass(settled, drift)
+            self._report_missed(settled, drift)
             self.candidate, self.dumped, self.remembered = better, None, False
             return
         lifted = self.candidate or self.dumped
@@ -297,17 +317,26 @@ class Bookings(Estimator):
             self._book(lifted, settled, t_us, drift)
 
     def _has_left(self, lifted: Weighed, empty: Weighed, drift: DriftKnowledge) -> bool:
-        """Return whether the dumped mass exceeds AGREES of its standard errors.
+        """Return whether the load has left the bucket: the dumped mass exceeds AGREES of its standard errors.
 
-        A mass near EMPTY_BELOW may first read as a load and then as an empty bucket, although nothing has left it."""
+        A mass near EMPTY_BELOW may first read as a load and then as an empty bucket, although nothing has left it.
+
+        lifted: weight of the load
+        empty:  weight of the empty bucket with its carry-back
+        drift:  by which both weights are corrected
+        """
         by = lifted.corrected(drift) - empty.corrected(drift)
         return by > AGREES * self.constants.error(difference(lifted, empty), drift)
 
     def _is_known(self, lifted: Weighed, empty: Weighed, drift: DriftKnowledge) -> bool:
-        """Return whether the weights are accurate enough for a booking.
+        """Return whether the weights are accurate enough for a booking: to GOOD_ENOUGH rated payloads.
 
-        The lifted weight must be, also if any one signal has the certain part of its error. So must be either the
-        weight of the empty bucket (its carry-back) or the dumped weight.
+        lifted: weight of the load
+        empty:  weight of the empty bucket with its carry-back
+        drift:  by which both weights are corrected
+
+        The lifted weight must be as accurate, also if any one signal has the certain part of its error. So must be
+        either the weight of the empty bucket or the difference of both, the dumped weight.
 
         The error of the scale counts as far as the data sheet of cylinders, pins and sensors bounds it. The part that
         only the masses bound is the same in every lift, so that no later lift is more accurate. It is in the booked
@@ -330,7 +359,7 @@ class Bookings(Estimator):
             return 0.0
         return float(np.abs(slopes * self.probable.expected_certain).max(initial=0.0))
 
-    def _pass(self, now: Weighed, drift: DriftKnowledge) -> None:
+    def _report_missed(self, now: Weighed, drift: DriftKnowledge) -> None:
         """Report the candidate, the last weight that waits for booking, as missed if `now` is that of another load.
 
         It may be that of another load if an empty bucket was detected between them, but not accurately enough
@@ -383,9 +412,15 @@ class Bookings(Estimator):
         return replace(now, tilt=before.tilt) if now.moving >= before.moving else before
 
     def _book(self, lifted: Weighed, empty: Weighed, t_us: int, drift: DriftKnowledge) -> None:
-        """Book the candidate, or refine its booking while the bucket returns.
+        """Book the weight of a load, or refine its booking while the bucket returns.
 
-        The estimates of the carry-back and of the drift of friction and zeros improve during the return."""
+        The estimates of the carry-back and of the drift of friction and zeros improve during the return.
+
+        lifted: weight of the load
+        empty:  weight of the empty bucket with its carry-back
+        t_us:   time [us]; a refined booking keeps its own
+        drift:  by which both weights are corrected
+        """
         last = self.booking
         if last is None:
             number = 1
@@ -411,9 +446,14 @@ class Bookings(Estimator):
 def is_remainder(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
     """Return whether a smaller load `now` is the remainder of the load `before`, which is being dumped.
 
+    drift: of friction and zeros, by which both masses are corrected
+
     The tool has turned by more than REPOSE from the weight `before` to the start of the load `now`, and has not turned
     back. A wheel loader's bucket turns as far in the heap, while it curls; but its loads are weighed after that, with
-    the bucket curled. A tool that empties without tilting is being dumped below DUMPING of the load before."""
+    the bucket curled. A tool that empties without tilting is being dumped below DUMPING of the load before.
+
+    The fields of a weight are angles of the tool to the house [rad]: `hung` at the start of the load, `tilt` at the
+    weight."""
     if before.tilt is None or now.hung is None:
         return now.corrected(drift) < DUMPING * before.corrected(drift)
     return abs(now.hung - before.tilt) > REPOSE and not turned_and_back(before, now)
@@ -422,7 +462,10 @@ def is_remainder(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
 def turned_and_back(before: Weighed, now: Weighed) -> bool:
     """Return whether the tool had turned by more than REPOSE at the start of the load `now`, and has turned back.
 
-    This load may be the next one after an unobserved dump, or the remainder of a partial dump."""
+    This load may be the next one after an unobserved dump, or the remainder of a partial dump.
+
+    The fields of a weight are angles of the tool to the house [rad]: `hung` at the start of the load, `tilt` at the
+    weight."""
     if before.tilt is None or now.hung is None or now.tilt is None:
         return False
     return abs(now.hung - before.tilt) > REPOSE >= abs(now.tilt - before.tilt)

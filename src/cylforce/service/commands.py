@@ -12,13 +12,13 @@ from cylforce.service.loading.truck import (
     TOO_FAR,
     Ruling,
     Truck,
-    aimed,
-    judged,
-    loaded,
+    add_bucket,
     next_part,
     next_truck,
-    of_product,
-    trailer_aimed,
+    set_accepted,
+    set_product,
+    set_target,
+    set_trailer_target,
 )
 from cylforce.signals.estimate import Booking, Quantity, Status
 from cylforce.signals.events import Frame
@@ -106,8 +106,11 @@ NO_SCALE = Scale()
 def read(frame: Frame, node_id: int) -> Command | None:
     """Return the command in an SDO download to our node; None for any other frame.
 
-    Commands are expedited downloads of 4 bytes to 6125h:1, 6139h:1 or 2190h:1 to 5, 12 to 15. The SDO server itself
-    refuses a download of another length."""
+    Commands are expedited downloads of 4 bytes to 6125h:1 (zero), 6139h:1 (tare) or 2190h:1 to 5, 12 to 15 (truck,
+    tool). The SDO server itself refuses a download of another length.
+
+    node_id: of our node
+    """
     if frame.can_id != SDO_REQUEST + node_id or len(frame.data) != 8 or frame.data[0] & 0xEF not in FOUR_BYTES:
         return None
     index = frame.data[1] | frame.data[2] << 8
@@ -121,11 +124,12 @@ def read(frame: Frame, node_id: int) -> Command | None:
 
 
 def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> tuple[Scale, Answer]:
-    """Return zero and tare after a command, and its answer.
+    """Return the operator's zero and tare [kg] after a zero or tare command, and its answer.
 
-    A command is refused unless the status of the weight is OK; a zero also if it is too large.
+    "zero" sets the zero to the present load, and the tare to 0; "tare" sets the tare to the present load less the zero.
+    A command is refused unless the status of the weight is OK; a zero also beyond ZERO_RANGE rated payloads.
 
-    command: with the signature
+    command: "zero" or "tare", and the four bytes written, which must be the signature
     scale:   before the command
     mass:    present load before zero and tare [kg]
     rated:   rated payload [kg]
@@ -159,13 +163,13 @@ def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
     the word `next`."""
     number = int.from_bytes(command.data, "little", signed=command.sub in (TARGET, TRAILER))
     if command.sub == TARGET:
-        return aimed(truck, KG * number)
+        return set_target(truck, KG * number)
     if command.sub == TRAILER:
-        return trailer_aimed(truck, KG * number)
+        return set_trailer_target(truck, KG * number)
     if command.sub == PRODUCT:
-        return of_product(truck, number)
+        return set_product(truck, number)
     if command.sub in (CANCEL, ACCEPT):
-        return judged(truck, number, command.sub == ACCEPT)
+        return set_accepted(truck, number, command.sub == ACCEPT)
     if command.data == NEXT_WORD:
         return next_truck(truck) if command.sub == NEXT else next_part(truck)
     what = "truck" if command.sub == NEXT else "part"
@@ -188,10 +192,10 @@ def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str,
     return tools[number], Answer(DONE, f"attachment {tools[number]} chosen: zero and tare are 0")
 
 
-def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
+def book_by_hand(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
     """Return the booking by hand of a bucket that was not weighed (None: refused), and the truck with it.
 
-    data:  the four bytes that were written: the mass
+    data:  the four bytes that were written: the mass as a signed little-endian integer of KG = 0.1 kg
     last:  last booking
     t_us:  time [us]
     truck: before the booking
@@ -211,13 +215,17 @@ def added(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[B
         dumped_error=0.0,
         by_hand=True,
     )
-    return made, Ruling(loaded(truck, made, 0.0), DONE, f"booking {number} by hand: {mass:.1f} kg")
+    return made, Ruling(add_bucket(truck, made, 0.0), DONE, f"booking {number} by hand: {mass:.1f} kg")
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:
     """Return True for an NMT command that stops our node, False for one that starts or resets it, else None.
 
-    A stopped node answers no SDO, and commands have no effect."""
+    A stopped node answers no SDO, and commands have no effect.
+
+    frame:   any frame; an NMT command has the identifier 0 and two bytes: command, and node id or 0 for all nodes
+    node_id: of our node
+    """
     if frame.can_id != 0 or len(frame.data) != 2 or frame.data[1] not in (0, node_id):
         return None
     return {1: False, 2: True, 128: False, 129: False, 130: False}.get(frame.data[0])

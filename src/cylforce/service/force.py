@@ -18,8 +18,11 @@ CLEAR = 3.0  # times its standard error across: a smaller force has no direction
 def prior(machine: Machine, rated_force: float) -> Array:
     """Return the diagonal prior information (T, T) [1/N^2, 1/(N m)^2] on force x, z and moment at the tool.
 
-    Standard errors are the rated force, and for the moment that of a full payload. T is 3, or 2 (forces only) with
-    fewer than three measured torques."""
+    Prior standard errors are the rated force, and for the moment that of a full payload at its reach. T is 3, or 2
+    (forces only) with fewer than three measured torques.
+
+    rated_force: of the machine at the tool [N]
+    """
     moment = machine.rated_payload * STANDARD_GRAVITY * machine.payload_reach
     known = np.array([rated_force, rated_force, moment])
     return np.diag(known[: 3 if len(machine.rows) > 2 else 2] ** -2.0)
@@ -44,13 +47,17 @@ class ForceSensor:
         self._blind, self._poor = BLIND * rated_force, POOR * rated_force
 
     def force(self, shown: Numbers, contact: bool, late: tuple[float, float] = (0.0, 0.0)) -> Force:
-        """Return the published force.
+        """Return the published force: components, magnitude and direction, each with its status.
 
-        A component whose standard error, without its part by the latency, exceeds BLIND is INVALID. The direction is
-        INVALID unless the force exceeds CLEAR standard errors across it. Without contact it is INVALID, too, with the
-        reason NO_CONTACT.
+        A component is INVALID if its standard error, without the part by the latency, exceeds BLIND rated forces, or if
+        it exceeds the rated force itself. It is DEGRADED above POOR rated forces of standard error, or without
+        identified tares. The direction is INVALID where the force is not clearly larger than its standard error across
+        it. Without contact it is INVALID, too, with the reason NO_CONTACT.
 
-        shown:   results of the kernel (`pushed.publish`)
+        shown:   (14,) from the kernel (`pushed.publish`), in the order of the names below: components x, z and size
+                 [N]; angle from x towards z [rad]; standard errors of x, z and size (`along`) [N] and of the angle
+                 (`across`) [rad]; covariance of x and z [N^2]; 1 where the direction is certain; largest of the errors
+                 of x, z and size; largest of these three values [N]
         contact: whether the force is that of the ground or of a load
         late:    error (x, z) of the force by its latency [N]
         """
@@ -88,7 +95,15 @@ class ForceSensor:
         return self._quantity(value, error, fine)
 
     def _quantity(self, value: float, error: float, fine: Reason) -> Quantity:
-        """Return the value with its status; `fine` is the reason where the status is OK."""
+        """Return a value that the pose determines, with its status: OK or DEGRADED.
+
+        It is DEGRADED without identified tares (NOT_IDENTIFIED), or with a standard error above POOR rated forces
+        (UNCERTAIN), which the error of a direction never reaches.
+
+        value: component or magnitude [N], or direction [rad]
+        error: its standard error, in the same unit
+        fine:  reason where the status is OK
+        """
         if not self.identified:
             return Quantity(value, error, Status.DEGRADED, Reason.NOT_IDENTIFIED)
         if error > self._poor:

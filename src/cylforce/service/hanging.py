@@ -17,7 +17,7 @@ def hanging(model: Model, tares: Tares, values: Array) -> Array:
     It is 0 while the filters settle, and where the weighing has no consistent estimate. The drift of friction and
     pressure zeros is not corrected.
 
-    tares:  of the machine
+    tares:  identified parameters of the empty machine
     values: (T, S) samples of all signals [SI], without gaps
     """
     constants = LoadConstants(model, tares)

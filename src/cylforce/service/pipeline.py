@@ -59,26 +59,32 @@ class PipelineConstants(Constants):
         self.moved_by = making.counts(s.index if s.kind in FORCE_KINDS else -1 for s in machine.signals)
 
     def read(self, values: Numbers) -> Numbers | Reason:
-        """Return joint angles, cylinder forces and attitude (D,) of a sample (S,), or the reason why it is unusable."""
+        """Return the channels (D,) of a sample, or the reason why it has none.
+
+        The channels are joint angles [rad], cylinder forces [N], with an inertial sensor on the base its rate [rad/s]
+        and specific forces [m/s^2], pitch and roll [rad], then slew rate [rad/s] or slew angle [rad]. The reason is
+        TILT where the chassis is tilted farther than is allowed, and END_STOP where a cylinder's length belongs to no
+        angle.
+
+        values: (S,) of all signals [SI]
+        """
         channels = ZERO * self.sizes.channels
         for joint, cylinder, signal in self.by_length:
             channels[joint] = float(self.model.machine.joint_angle(cylinder, values[signal]))
-        if self.kernel.sense(self.sensors, values, channels):
+        if self.kernel.read_channels(self.sensors, values, channels):
             return Reason.TILT
         return channels if isfinite(sum(channels)) else Reason.END_STOP
 
     def moving(self, speed: Numbers) -> Numbers:
-        """Return for each signal (S,) 1 where it should change, so that a repeated value means a frozen sensor.
+        """Return for each signal (S,) 1 where it should change, so that a repeated value means a frozen sensor, else 0.
 
-        A pressure changes while its own cylinder moves, any other signal while any cylinder moves, because the whole
-        machine then shakes.
-
-        A cylinder moves if it is faster than MOVING.
+        A pressure or force should change while its own cylinder moves. Any other signal should while any cylinder
+        moves, because the whole machine then shakes. A cylinder moves if it is faster than MOVING [m/s].
 
         speed: (C,) of the cylinders [m/s]
         """
         found = ZERO * len(self.moved_by)
-        self.kernel.moves(speed, len(speed), MOVING, self.moved_by, len(self.moved_by), found)
+        self.kernel.moving_signals(speed, len(speed), MOVING, self.moved_by, len(self.moved_by), found)
         return found
 
 
@@ -172,7 +178,10 @@ class Pipeline(Estimator):
         self.steps, self.state = 0, None
 
     def begin(self, channels: Numbers) -> None:
-        """Settle the filters at the first channels (D,) after the start or after a gap."""
+        """Start the filters after the start or after a gap, settled as if the machine had rested at these channels.
+
+        channels: (D,) joint angles [rad], cylinder forces [N], attitude
+        """
         constants, low_pass = self.constants, self.constants.model.channels.smooth
         first = np.asarray(channels)
         delayed, smooth = low_pass.step(low_pass.steady(first), first)
@@ -181,7 +190,9 @@ class Pipeline(Estimator):
         self.steps, self.state = 0, array("d", numbers.tobytes())
 
     def update(self, channels: Numbers, periods: int = 1) -> Instant:
-        """Advance the filters, and return the rows of the present step.
+        """Advance the filters by one sample, and return the rows of the present step.
+
+        The rows are the measured joint torques [N m] and the columns that explain them, both filtered.
 
         `begin` must have been called. Missing steps are filled by linear interpolation. The slew angle, where it is the
         last channel, is unwrapped; no other channel is.
@@ -205,7 +216,11 @@ class Pipeline(Estimator):
         return Instant(rows, layout, complex(*place), complex(*velocity), rows[layout.usable], rows[layout.speed])
 
     def _fill(self, channels: Numbers, periods: int) -> None:
-        """Advance by `periods` - 1 interpolated steps, to one step before `channels`."""
+        """Advance the filters by the missing steps, with channels interpolated between the last ones and these.
+
+        channels: (D,) of the present step, up to the step before which the filters are advanced
+        periods:  number of steps since the last update, 2 or more
+        """
         first = self.raw
         for k in range(1, periods):
             between = first + (np.asarray(channels) - first) * (k / periods)

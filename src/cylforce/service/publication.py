@@ -34,7 +34,7 @@ def publication(
     force_period_s: float | None = None,
     filters: Filters | None = None,
 ) -> tuple[Pdo, ...]:
-    """Return the TPDOs of our node.
+    """Return the layouts of our node's TPDOs: which published value each of their bytes carries, and how often.
 
     A quality byte is status (bits 0-1) + 4 * reason (bits 2-7).
 
@@ -58,7 +58,11 @@ def publication(
 
 
 def _field(value: PublishedValue, rated: Rated, note: str) -> Field:
-    """Return the field of a PDO that carries a value."""
+    """Return the field of a PDO that carries a published value: its object, type, resolution and range.
+
+    rated: rated payload [kg] and force [N], which determine the range
+    note:  bandwidth and delay of the value, in words
+    """
     low, high = value.limits(rated)
     return Field(
         signal=value.name,
@@ -106,7 +110,10 @@ def bandwidth_hz(cutoff_hz: float, period_s: float, step_s: float) -> float:
 
 
 def cob_id(number: int, node_id: int) -> int:
-    """Return the identifier of one of our TPDOs. Raises ValueError for a TPDO that has none.
+    """Return the CAN identifier of one of our TPDOs. Raises ValueError for a TPDO that has none.
+
+    number:  of the TPDO, from 1 on
+    node_id: of our node
 
     The first four have those of CiA 301 for TPDOs. The others use those of RPDOs, of which our node has none."""
     if not 1 <= number <= len(BASES):
@@ -155,7 +162,10 @@ class Encoder(NamedTuple):
     pack: Callable[..., bytes]
 
     def data(self, estimate: Estimate) -> list[tuple[int, bytes]]:
-        """Return (number, bytes) of each TPDO for an estimate."""
+        """Return (number, data) of each TPDO for an estimate: its values rounded to the integers on the bus, as bytes.
+
+        The fields are those of the encoder; `limits` is empty where the kernel cannot round them, so that each TPDO is
+        packed by itself."""
         places, layouts, values, quantise, limits, room, pack = self
         given = values(estimate)
         if not limits:
@@ -169,7 +179,7 @@ class Encoder(NamedTuple):
 
 
 def encoder(table: tuple[Pdo, ...]) -> Encoder:
-    """Return the encoder of the TPDOs in `table`."""
+    """Return the encoder that turns an estimate into the data of the TPDOs in `table`, which are sent together."""
     layouts = tuple(layout(pdo) for pdo in table)
     fields = [field for of in layouts for field in of.fields]
     known = all(field.fits for field in fields)
@@ -201,9 +211,10 @@ class Encoders:
 
 
 def _reader(values: Sequence[PublishedValue]) -> Callable[[Estimate], Sequence[float]]:
-    """Return a function that returns these values of an estimate.
+    """Return a function that reads these published values [SI] from an estimate, in this order.
 
-    One attrgetter reads all attributes, because that is faster than one for each."""
+    One attrgetter reads all attributes, because that is faster than one for each. Attributes that are no plain numbers
+    are converted after that."""
     read = _attributes([value.path for value in values])
     conversions = [(place, value.convert) for place, value in enumerate(values) if value.convert is not None]
     if not conversions:
@@ -219,7 +230,9 @@ def _reader(values: Sequence[PublishedValue]) -> Callable[[Estimate], Sequence[f
 
 
 def _attributes(paths: Sequence[str]) -> Callable[[Estimate], Sequence[Any]]:
-    """Return a function that returns the attributes of an estimate at these paths."""
+    """Return a function that reads the attributes at these dotted paths, such as "force.x.value", from an estimate.
+
+    It returns a sequence for a single path, too."""
     if len(paths) > 1:
         return attrgetter(*paths)
     each = [attrgetter(path) for path in paths]

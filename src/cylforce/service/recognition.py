@@ -17,7 +17,7 @@ from cylforce.estimation.kernel.functions import Kernel
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import Model, Tares
-from cylforce.estimation.residual import correlated, load_spread
+from cylforce.estimation.residual import correlated_samples, load_spread
 from cylforce.service.residual import InstantResidual
 from cylforce.service.snapshot import Constants, Estimator
 from cylforce.signals.estimate import Array
@@ -45,15 +45,19 @@ class RecognizerConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
-        """Compute the priors: a friction may have changed by FRICTION of its value, a zero by SHIFT [Pa].
+        """Compute by how much the identified machine may have changed, and the prior spread of a load.
 
+        A friction may have changed by FRICTION of its value, a pressure zero by SHIFT [Pa]. More means another machine.
+
+        model:  of the machine
+        tares:  identified parameters of the empty machine, friction among them
         kernel: form of the kernel; None: the compiled one if there is one
         """
         self.kernel = kernel or choice.chosen()
         self.solver = solver(model, tares, self.kernel)
         zeros = [SHIFT * c.area_head for c in model.machine.cylinders]
         self.spread = np.concatenate([FRICTION * np.abs(tares.values[model.changing_friction]), zeros])
-        self.memory = correlated(model.filters)
+        self.memory = correlated_samples(model.filters)
         self.prior = np.diag(load_spread(model.machine) ** -2.0)
         self.size = LOAD + len(self.spread) + 1
         self.block = BLOCK_SECONDS * model.filters.rate_hz
@@ -91,8 +95,9 @@ class Recognizer(Estimator):
 
     @classmethod
     def start(cls, constants: RecognizerConstants) -> Self:
-        """Return the state before any sample: no block of motion compared, no sign of another machine than the
-        identified one."""
+        """Return the state before any sample: no block of motion compared, no sign of another machine.
+
+        The rows of a block have K columns: load (4), changes of friction and zeros (D), residual (1)."""
         return cls(
             constants,
             gram=ZERO * constants.size**2,
@@ -110,14 +115,20 @@ class Recognizer(Estimator):
         self.gram, self.rows, self.steps = ZERO * self.constants.size**2, 0, 0
 
     def update(self, residual: InstantResidual, usable: Numbers) -> None:
-        """Update the running block with one instant; `usable` (R,): 1 where a row can be used."""
+        """Add one instant to the running block of motion; conclude the block after BLOCK_SECONDS.
+
+        A block with too few rows in motion is discarded.
+
+        residual: measured joint torques less those of the empty machine (tares) and the drift [N m], with their columns
+        usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
+        """
         c, instant = self.constants, (residual.rows, residual.numbers, usable)
         self.rows += c.kernel.gather(c.solver, *instant, c.spread, ZERO, 0, c.memory, self.gram)
         self.steps += 1
         if self.steps < c.block:
             return
         if self.rows >= IN_MOTION * self.steps * len(usable):
-            self._judge()
+            self._conclude_block()
         self.interrupt()
 
     @property
@@ -125,8 +136,8 @@ class Recognizer(Estimator):
         """Mean squared normalised residual of the blocks so far: about 0.5 for the machine that was identified."""
         return _residual_squares(self.sum) / self.weight
 
-    def _judge(self) -> None:
-        """Update the comparison with the block that has ended.
+    def _conclude_block(self) -> None:
+        """Conclude from the block that has ended whether this is another machine than the identified one.
 
         The block's own load is eliminated. If friction and zeros of its own do not explain its residual, another force
         acts on the tool, and the comparison starts anew. Otherwise the block is added to the faded earlier ones. It is
@@ -149,6 +160,10 @@ class Recognizer(Estimator):
 
 
 def _residual_squares(block: Array) -> float:
-    """Return the least squared residual of a block (K-4, K-4), with one spread as prior error of friction and zeros."""
+    """Return the squared residual of a block that no change of friction and zeros explains.
+
+    block: (K-4, K-4) products of its rows [friction | zeros | residual]; the unit of a change is its prior standard
+           error, that of the residual its standard error
+    """
     size = len(block) - 1
     return float(block[-1, -1] - block[-1, :-1] @ np.linalg.solve(block[:-1, :-1] + np.eye(size), block[:-1, -1]))

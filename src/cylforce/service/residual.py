@@ -22,8 +22,8 @@ class InstantResidual:
     """Residual torque of the R measured joints at one instant, with its variance.
 
     rows:    columns (R, K), then torques (R,), then others, as the kernel keeps the rows of a step
-    numbers: four parts (`weighed.explain`): residual torque (R,) [N m]; its variance (R,) without friction at rest
-             [N^2 m^2]; variance (R,) of friction at rest [N^2 m^2]; columns (R, D) of the drift
+    numbers: four parts (`weighed.residual_torque`): residual torque (R,) [N m]; its variance (R,) without friction at
+             rest [N^2 m^2]; variance (R,) of friction at rest [N^2 m^2]; columns (R, D) of the drift
     wider:   (R,) added to the variance while the base rocks [N^2 m^2]
     """
 
@@ -48,22 +48,26 @@ class InstantResidual:
 
 
 def residual_of(kernel: Kernel, solver: KernelSolver, rows: Numbers, drift: Array, size: int) -> InstantResidual:
-    """Return scale (torque - W Phi - W_D drift) of the rows of an instant.
+    """Return the residual torque (R,) [N m] of an instant, scale (torque - W Phi - W_D drift), with its variance.
 
-    rows:  columns and torques of the instant, as the kernel keeps them
-    drift: (D,) values of the adapted friction and zeros
-    size:  R, number of measured torques
+    W Phi is the torque of the empty machine (columns times tares), W_D are the columns of friction and pressure zeros,
+    and `scale` is the factor identified with a known weight.
+
+    solver: the kernel's constants of the tares
+    rows:   columns W (R, K) and measured torques (R,) of the instant, as the kernel keeps them
+    drift:  (D,) change of friction [N, N s/m] and pressure zeros [N] since the identification
+    size:   R, number of measured torques
     """
     found = ZERO * ((3 + len(drift)) * size)
-    kernel.explain(solver, rows, drift, found)
+    kernel.residual_torque(solver, rows, drift, found)
     return InstantResidual(rows, found, ZERO * size)
 
 
 def residual_of_arrays(residual: Residual, columns: int, drifts: int) -> InstantResidual:
-    """Return the residual of an instant of a recording, without drift of friction and zeros.
+    """Return the residual torque of an instant of a recording in the form of the service's steps, without drift.
 
-    residual: of the recording
-    columns:  K, number to which the columns of the tares are filled up with zeros
+    residual: residual torque of the instant with its variances and columns, as arrays
+    columns:  K, number to which the columns of the identified parameters are filled up with zeros
     drifts:   D, number of drifts
     """
     rows, own = np.zeros((len(residual.torque), columns)), residual.columns.shape[1]

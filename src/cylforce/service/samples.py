@@ -53,7 +53,7 @@ def _rows(inputs: Assembler, events: Iterable[Event], period_us: int, unusable: 
         if isinstance(event, Frame):
             inputs.receive((event,))
             continue
-        for _ in range(0 if last_us is None else skipped(event.t_us - last_us, period_us)):
+        for _ in range(0 if last_us is None else missing_rows(event.t_us - last_us, period_us)):
             yield missing
         sample = inputs.sample(event.t_us)
         whole = is_whole(sample)
@@ -63,7 +63,7 @@ def _rows(inputs: Assembler, events: Iterable[Event], period_us: int, unusable: 
         last_us = event.t_us
 
 
-def skipped(elapsed_us: int, period_us: int) -> int:
+def missing_rows(elapsed_us: int, period_us: int) -> int:
     """Return the number of missing rows between two ticks `elapsed_us` apart, at most LONGEST_JUMP."""
     count = round(elapsed_us / period_us) - 1
     return min(count, LONGEST_JUMP) if count >= 0 else LONGEST_JUMP

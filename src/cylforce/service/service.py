@@ -18,7 +18,7 @@ from cylforce.service.contact.rocking import BaseFilter
 from cylforce.service.core import TICK_SLACK, Core
 from cylforce.service.loading.cycle import Cycle
 from cylforce.service.loading.lift import Weight
-from cylforce.service.loading.truck import NO_TRUCK, Truck, loaded, refined
+from cylforce.service.loading.truck import NO_TRUCK, Truck, add_bucket, correct_bucket
 from cylforce.service.memory import NOTHING_KEPT, Memory
 from cylforce.service.pipeline import Pipeline
 from cylforce.service.plausibility.monitor import Monitor
@@ -110,11 +110,12 @@ class WeighingService(Estimator):
 
     @classmethod
     def start(cls, core: Core, kept: Memory = NOTHING_KEPT) -> Self:
-        """Return a service before any event.
+        """Return a service before any event: every estimator in its first state, no estimate yet (STARTING).
 
-        The standard tool replaces a tool of the memory that the core does not contain any more.
+        Zero, tare, truck, tool and bookings are those of the memory. The standard tool replaces a tool that the core
+        does not contain any more.
 
-        core: constants
+        core: settings, identified parameters, and constants of all estimators with each tool
         kept: memory from before a restart
         """
         tool = kept.tool if kept.tool in core.attached else STANDARD
@@ -142,7 +143,14 @@ class WeighingService(Estimator):
         return service
 
     def _remember(self, kept: Memory) -> None:
-        """Take over bookings from before a restart; a load that was weighed with other tares is not booked."""
+        """Take over the bookings of a memory from before a restart.
+
+        The weight of a loaded bucket that was not booked yet (`kept.hanging`) is still booked when the bucket is empty,
+        unless it was weighed with another number of tares or drifts. A load that was lost in the interruption [kg] is
+        reported as missed.
+
+        kept: memory of the service before the restart
+        """
         hanging, sizes = kept.hanging, (len(self.fitted.tares.values), self.drift.values.size)
         if hanging is not None and (hanging.gain.size, hanging.drifted.size) != sizes:
             kept, hanging = kept.emptied(), None
@@ -154,7 +162,7 @@ class WeighingService(Estimator):
 
     @property
     def memory(self) -> Memory:
-        """Memory of the service, which a restart does not change."""
+        """What the service keeps over a restart: zero and tare, truck, last booking, tool, weight to be booked."""
         books = self.bookings
         return Memory(
             scale=self.scale,
@@ -180,7 +188,10 @@ class WeighingService(Estimator):
         return other
 
     def _fit(self, tool: str) -> None:
-        """Replace the constants by those of a tool; the state stays."""
+        """Replace the constants (tares, filters, limits) by those of a tool; the state of all estimators stays.
+
+        tool: name of the tool
+        """
         if tool == self.tool:
             return
         other = WeighingService.start(self.core, Memory(tool=tool))
@@ -218,7 +229,8 @@ class WeighingService(Estimator):
     def on_frame(self, frame: Frame) -> Answer | None:
         """Handle a frame, and return the answer to a command; None for any other frame.
 
-        A command is executed at once. A sensor's frame waits for the next tick. No frame raises an exception."""
+        A command to our node is executed at once, unless NMT has stopped it. A boot-up message discards the values of
+        the node that booted. A sensor's frame waits for the next tick. No frame raises an exception."""
         if frame.can_id not in self.core.inputs.decoders:
             own = self.core.service.node_id
             stopped = commands.stopped(frame, own)
@@ -239,7 +251,7 @@ class WeighingService(Estimator):
         return None
 
     def on_event(self, event: Event) -> Estimate | None:
-        """Handle a frame or a tick, and return the estimate of a tick; None for a frame."""
+        """Handle one event, a frame or a tick; return the estimate of a tick, None for a frame."""
         if isinstance(event, Frame):
             self.on_frame(event)
             return None
@@ -268,8 +280,13 @@ class WeighingService(Estimator):
         return Answer(decision.verdict, decision.words)
 
     def _book_by_hand(self, data: bytes) -> Answer:
-        """Book a bucket that was not weighed. The booking before it does not become more precise any more."""
-        made, ruling = commands.added(data, self.bookings.booking, self.estimate.t_us, self.truck)
+        """Book a bucket that was not weighed, and return the answer to the operator's command.
+
+        The booking before it does not become more precise any more.
+
+        data: the four bytes that were written, the mass as a signed integer of 0.1 kg
+        """
+        made, ruling = commands.book_by_hand(data, self.bookings.booking, self.estimate.t_us, self.truck)
         if made is not None:
             self.bookings.booking, self.bookings.dumped, self.truck = made, None, ruling.truck
         return Answer(ruling.verdict, ruling.words)
@@ -298,7 +315,14 @@ class WeighingService(Estimator):
         return answer
 
     def on_tick(self, t_us: int) -> Estimate:
-        """Return the estimate of a tick at the time `t_us` [us]."""
+        """Return the estimate of a tick at the time `t_us` [us]: one step of the whole service.
+
+        The frames received since the last tick become a sample, the sample becomes filtered rows (measured joint
+        torques and their columns), and the rows less the empty machine's torque the residual torque of each joint [N
+        m]. The residual torque gives the load, the bookings and the force at the tool. The monitor then tests for
+        sensor faults, and friction and pressure zeros are adapted while the bucket is empty. Without a usable sample,
+        or at a tick that is too early or too late, the last estimate is held or the filters start again.
+        """
         core = self.fitted
         self.receive()
         sample = self.inputs.sample(t_us)
@@ -352,10 +376,14 @@ class WeighingService(Estimator):
         return self.estimate
 
     def _hold_or_restart(self, sample: Sample, channels: Numbers | Reason) -> None:
-        """Hold or restart at a tick without a usable sample, or one that is too early or too late.
+        """Hold the last estimate, or restart the filters, at a tick whose sample cannot follow the last one.
+
+        The estimate is held where a value is late. The filters restart where a signal is not usable, where the tick is
+        too early or too late, and at the first sample.
 
         sample:   of the tick
-        channels: (D,) of the sample; the reason why it is not usable
+        channels: (D,) joint angles [rad], cylinder forces [N] and attitude from the sample, or the reason why there are
+                  none
         """
         begun = self.pipeline.state is not None
         if sample.late is not Reason.NONE and begun and not any(sample.reasons):
@@ -396,14 +424,20 @@ class WeighingService(Estimator):
         return no_estimate(t_us, reason, self.estimate.booking, self.estimate.events)
 
     def _is_curled(self, channels: Numbers) -> bool:
-        """Return whether the bucket is curled as far as the machine file requires for a booking."""
+        """Return whether the bucket is curled as far as the machine file requires for a booking.
+
+        channels: (D,) of the step, the joint angles first [rad]; the last joint is the bucket's
+        """
         machine = self.fitted.service.machine
         return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
 
     def note_weight(self, weight: Weight, t_us: int, tilt: float | None, *, curled: bool) -> None:
-        """Update bookings and tool check with the weight, every LATER_S of a lift while the bucket is curled or empty.
+        """Update bookings and tool check with the weight of the lift, if it is valid and the bucket is curled or empty.
 
-        weight: of the lift
+        Only every `bookings.constants.every`-th sample of a lift does so. At each sample the end of a lift, or a change
+        of its load in the air, is passed to the bookings.
+
+        weight: mass and centre of the load, as concluded from the lift
         t_us:   time [us]
         tilt:   angle of the tool to the house [rad]; None where the tool does not empty by tilting
         curled: whether the bucket is curled far enough for a booking
@@ -422,9 +456,10 @@ class WeighingService(Estimator):
             bookings.update(weighed(lift, bookings.constants.parameters, tilt, slopes), t_us, self.drift)
 
     def _withhold(self) -> None:
-        """Suspend bookings while the monitor is unsure.
+        """Suspend bookings while the monitor of the sensors is unsure.
 
-        A suspicion that does not wait for motion in the air discards loads that are not booked yet."""
+        A suspicion that does not wait for motion in the air discards a load that is not booked yet. The probable errors
+        of the signals become a part of the errors of bookings."""
         suspicion = self.monitor.suspicion
         if suspicion.level is not Level.FINE and not suspicion.waits:
             self.bookings.discard_candidate()
@@ -432,7 +467,14 @@ class WeighingService(Estimator):
         self.bookings.probable = self.monitor.undetected.probable
 
     def _adapt(self, load: Load, residual: InstantResidual, usable: Numbers) -> None:
-        """Update the drift while the bucket is known to be empty and no suspicion prevents the adaptation."""
+        """Update the drift of friction and pressure zeros while the bucket is known to be empty.
+
+        Nothing is adapted while a sensor fault is suspected that prevents it, or with tares from the data sheet.
+
+        load:     in the bucket, before zero and tare
+        residual: measured joint torques less those of the empty machine and the drift [N m]
+        usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
+        """
         if not self.fitted.adapts or not self.monitor.suspicion.follows:
             return
         if self.fitted.load.is_empty(load):
@@ -451,9 +493,9 @@ class WeighingService(Estimator):
         if booking is None or booking is before:
             return
         if before is not None and not is_new(booking, before):
-            self.truck = refined(self.truck, booking.number, booking.dumped - before.dumped)
+            self.truck = correct_bucket(self.truck, booking.number, booking.dumped - before.dumped)
             return
-        self.truck = loaded(self.truck, booking, self.scale.tare)
+        self.truck = add_bucket(self.truck, booking, self.scale.tare)
         self.ended, self.cycle = self.cycle, Cycle(self.estimate.t_us)
 
     def _estimate(self, load: Load, forces: Forces, t_us: int) -> Estimate:
@@ -461,10 +503,10 @@ class WeighingService(Estimator):
 
         Load and forces are INVALID while a signal is rejected, and DEGRADED for the reasons of `_reservations`. Forces
         are DEGRADED while the house slews fast and the tool seems to be in contact. The first reason that degrades a
-        quantity remains, and an INVALID one stays so. A load that no load can be (NOT_A_LOAD) is INVALID because of
-        OTHER_TOOL while another tool is suspected. The standard error of the mass includes the error by undetected
-        sensor faults. Gross and net are INVALID outside their declared range, or with a standard error of the rated
-        payload or more.
+        quantity remains, and an INVALID one stays so. A mass and centre that no load can have (NOT_A_LOAD) are INVALID
+        because of OTHER_TOOL while another tool is suspected. The standard error of the mass includes that by
+        undetected sensor faults. Gross and net are INVALID outside their declared range, or with a standard error of
+        the rated payload or more.
 
         load:   mass [kg] and its centre x, z [m] before zero and tare
         forces: resultant at the tool, and the soil's part of it [N]

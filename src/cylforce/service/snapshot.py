@@ -29,7 +29,10 @@ class Estimator:
         return {name: _copied(getattr(self, name)) for name in kinds(type(self))}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Replace the state by a copy of a `snapshot`."""
+        """Replace the state by a copy of a `snapshot`.
+
+        state: value of each field, by its name; of a field that is an estimator, that estimator's own snapshot
+        """
         for name in kinds(type(self)):
             now = getattr(self, name)
             if isinstance(now, Estimator):
@@ -78,8 +81,10 @@ def _is_table(value: object) -> bool:
 
 
 def _copied(value: Any) -> Any:  # noqa: ANN401 - the value of any field
-    """Return a copy that later steps do not change. Arrays keep the order of their elements in memory, because linear
-    algebra may round differently in the other order."""
+    """Return a copy of a field's value that later steps do not change; that of an estimator is its `snapshot`.
+
+    Arrays keep the order of their elements in memory, because linear algebra may round differently in the other order.
+    """
     if isinstance(value, Estimator):
         return value.snapshot()
     if isinstance(value, dict):

@@ -29,7 +29,9 @@ def information(root: Root, gram: Array) -> Array:
 
 
 def root_and_gram(known: Array) -> tuple[Root, Array]:
-    """Return root and gram (4, K) of `known` (4, 5 + K), the inverse of `information`.
+    """Return root and gram (4, K) of the information on a load side by side: the inverse of `information`.
+
+    known: (4, 5 + K) information matrix R'R (4, 4), right-hand side R'z (4,) and gram (4, K)
 
     Raises numpy.linalg.LinAlgError where it is not of full rank."""
     lower = np.asarray(np.linalg.cholesky(known[:, :4]), dtype=np.float64)
@@ -38,7 +40,11 @@ def root_and_gram(known: Array) -> tuple[Root, Array]:
 
 
 def block_diagonal(one: Array, other: Array) -> Array:
-    """Return the covariance (K + L, K + L) of independent parameters from their covariances (K, K) and (L, L)."""
+    """Return the covariance (K + L, K + L) of two independent groups of parameters.
+
+    one:   (K, K) covariance of the first group
+    other: (L, L) covariance of the second group
+    """
     size = len(one)
     both = np.zeros((size + len(other), size + len(other)))
     both[:size, :size], both[size:, size:] = one, other
@@ -46,9 +52,9 @@ def block_diagonal(one: Array, other: Array) -> Array:
 
 
 def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | None:
-    """Return the number of the mark after which the load has changed; None: it has not.
+    """Return the number of the examination after which the load of a lift has changed (spill); None: it has not.
 
-    marks:  (M, 4, 5 + K) information of the lift so far
+    marks:  (M, 4, 5 + K) information on the load at each of M earlier examinations
     now:    (4, 5 + K) information of the whole lift
     others: (K, K) covariance of the other parameters
     least:  smallest change of the mass that counts [kg]
@@ -64,22 +70,22 @@ def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | N
 
 @cache
 def _pairs(marks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return pairs of marks between which a change may lie.
+    """Return the pairs (first, last) of `marks` examinations between which a load may have changed.
 
-    The load is constant before the first mark of a pair, and after the second one."""
+    The load is constant before the first examination of a pair, and after the second one."""
     first, last = np.triu_indices(max(marks - SHORTEST + 1, 0))
     return first, last
 
 
 def change(before: Array, since: Array, others: Array) -> tuple[Array, Array]:
-    """Return the change of the mass and its standard error (...,) [kg], for a load whose centre stays.
+    """Return by how much the mass of a load changed between two times, and the standard error of that (...,) [kg].
 
-    The error is infinite where the rows after the change do not depend on the mass.
+    The centre of the load stays. The error is infinite where the rows after the change do not depend on the mass.
 
     With x the load before, of mass m, and a = x/m, rows r = A x + A a delta after the change give
     delta = a'(eta - Lambda x) / a' Lambda a. x has the errors of its own information.
 
-    before: (..., 4, 5 + K) information before the change
+    before: (..., 4, 5 + K) information on the load (m, m x, m z, J) before the change: matrix, right-hand side, gram
     since:  (..., 4, 5 + K) information after the change, [Lambda | eta | gram]
     others: (K, K) covariance of the other parameters, whose errors change the mass with the motion
     """

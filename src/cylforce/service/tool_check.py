@@ -33,10 +33,13 @@ class ToolCheck(Estimator):
     confirmed: bool = False
 
     def update(self, load: LoadEstimator, weight: Weight) -> None:
-        """Update the check with the weight of a lift, once it has settled in motion and is accurate.
+        """Update the test for another tool with the weight of a lift, once that has settled in motion and is accurate.
 
         The weight is that of an empty tool if it is plausible and differs from zero by at most EMPTY_BELOW rated
         payloads or three standard errors. It is impossible if it is not plausible, and negative or no more than that.
+
+        load:   estimator of the load, whose present lift says how long and how accurately the weight is known
+        weight: mass [kg] of the lift with its standard error
         """
         lift, settled, rated = load.lift, load.constants.settled_samples, load.constants.rated
         if lift.refused or lift.moving < settled or load.noise > GOOD_ENOUGH * rated:
@@ -48,7 +51,10 @@ class ToolCheck(Estimator):
         self.take(weight.mass, limit, empty=plausible and not certain, impossible=impossible)
 
     def take(self, mass: float, limit: float, *, empty: bool, impossible: bool) -> None:
-        """Update the check with one settled weight.
+        """Update the test for another tool with one settled weight.
+
+        An empty tool ends the suspicion. A weight that no load can have confirms it. A weight from which the load rises
+        may be that of another, empty tool.
 
         mass:       the weight [kg]
         limit:      difference from which on two weights differ [kg]

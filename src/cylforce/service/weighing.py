@@ -20,7 +20,7 @@ from cylforce.estimation.residual import (
     MIN_SECONDS,
     REST_SECONDS,
     Residual,
-    correlated,
+    correlated_samples,
     load_spread,
 )
 from cylforce.service.adaptation import DriftKnowledge, no_drift
@@ -67,13 +67,17 @@ class LoadConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
-        """Compute the constants: times in seconds become numbers of samples, the solver gets the limits of the gate.
+        """Compute the constants of the weighing: times become numbers of samples, the solver gets the gate's limits.
 
+        The gate is the test whether a sample fits one hanging load.
+
+        model:  of the machine
+        tares:  identified parameters of the empty machine
         kernel: form of the kernel; None: the compiled one if there is one
         """
         rate_hz = model.filters.rate_hz
         self.model, self.tares, self.kernel = model, tares, kernel or choice.chosen()
-        self.memory = correlated(model.filters, tares.correlation)
+        self.memory = correlated_samples(model.filters, tares.correlation)
         self.fading_samples = FORGET_SECONDS * rate_hz
         self.refused_samples = PATIENCE_S * rate_hz
         self.settled_samples = MIN_SECONDS * rate_hz
@@ -148,10 +152,13 @@ class LoadEstimator(Estimator):
         drift: DriftKnowledge | None = None,
         tilt: float | None = None,
     ) -> Weight:
-        """Update the lift with one instant, and return the weight.
+        """Update the lift with one instant, and return the weight: mass [kg] and centre [m] of the load, with errors.
 
-        residual: after tares and drift
-        usable:   (R,) 1 where a row can be used
+        A sample that does not fit one hanging load is not used. After too many of them in a row the lift ends. A change
+        of the load in the air (spill) begins the lift anew. `event` is the effect of the instant on the lift.
+
+        residual: measured joint torques less those of the empty machine (tares) and the drift [N m]
+        usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         drift:    that is subtracted in the residual; None: friction and zeros are those of the tares
         tilt:     angle of the tool to the house [rad]; None where the tool does not empty by tilting
         """
@@ -178,8 +185,8 @@ class LoadEstimator(Estimator):
 
         In a lift of more than `fading_samples` a share of the old information is forgotten first.
 
-        residual:  of the instant, after tares and drift
-        usable:    (R,) 1 where a row can be used
+        residual:  measured joint torques less those of the empty machine (tares) and the drift [N m]
+        usable:    (R,) 1 where the row of a measured joint torque can be used, else 0
         drift:     that is subtracted in the residual
         work:      written: intermediate results (`GateLayout`)
         concluded: written: mass and centre of the load and their errors (`ConclusionLayout`)
@@ -197,7 +204,7 @@ class LoadEstimator(Estimator):
         return fits
 
     def _advance(self, rested: Numbers, *, in_motion: bool, drift: DriftKnowledge, tilt: float | None) -> None:
-        """Count a sample that fits.
+        """Count a sample that fits the load, and examine the lift for a spill from time to time.
 
         rested:    (R,) number of samples for which each row has been at rest, after this sample
         in_motion: whether a row moves
@@ -237,9 +244,13 @@ class LoadEstimator(Estimator):
         lift.keep_check(now, last, KEPT)
 
     def _fade(self, work: Numbers) -> None:
-        """Fade a small share of the old information of a long lift in the directions of the rows in `work`.
+        """Fade a small share of the old information of a long lift, in the directions that the present sample measures.
 
-        The estimate and its dependence on the tares do not change."""
+        The estimate and its dependence on the tares (identified parameters) do not change.
+
+        work: intermediate results of the sample (`GateLayout`), of which the columns (R, 4) of the load and the marks
+              of the rows that are used are read
+        """
         lift, place = self.lift, self.constants.gate
         columns = part(work, place.columns).reshape(-1, 4)[part(work, place.taken) > 0.0]
         if not len(columns):
@@ -250,13 +261,18 @@ class LoadEstimator(Estimator):
         lift.numbers = lift_numbers(root, gram, (lift.values, lift.covariance))
 
     def conclude(self, drift: DriftKnowledge) -> Weight:
-        """Return mass and centre of the load, with standard errors by noise, tares, drift and scale."""
+        """Return mass [kg] and centre [m] of the load from the present lift, corrected by the drift.
+
+        Their standard errors contain those of noise, identified parameters (tares), drift and scale.
+
+        drift: of friction and zeros, with its covariance
+        """
         c, concluded = self.constants, ZERO * self.constants.conclusion.size
         c.kernel.conclude(c.solver, self.lift.numbers, drift.values, drift.covariance, concluded)
         return self._weight(concluded)
 
     def _weight(self, concluded: Numbers) -> Weight:
-        """Return the weight by names, from the kernel's conclusion (`ConclusionLayout`)."""
+        """Return mass [kg] and centre [m] of the load with their errors, from the kernel's array `concluded`."""
         place = self.constants.conclusion
         return Weight(
             mass=concluded[place.mass],
@@ -267,10 +283,12 @@ class LoadEstimator(Estimator):
         )
 
     def is_plausible(self, weight: Weight) -> bool:
-        """Return whether the estimate can be a load.
+        """Return whether the estimate can be a load: its mass must be positive and its centre within reach.
 
-        Its mass must be positive and its centre within reach. For a mass near zero the first moment must be near zero,
-        too."""
+        For a mass near zero (an empty bucket) the first moment [kg m] must be near zero, too.
+
+        weight: mass [kg] and centre [m] of the load, with standard errors
+        """
         rated, reach = self.constants.rated, self.constants.reach
         if abs(weight.mass) < max(EMPTY_BELOW * rated, 3.0 * weight.standard_error):
             moment = abs(weight.centre * weight.mass)
@@ -282,7 +300,7 @@ class LoadEstimator(Estimator):
         return weight.mass < EMPTY_BELOW * self.constants.rated
 
     def refusal(self, weight: Weight) -> Reason | None:
-        """Return the reason why there is no valid weight; None: there is one.
+        """Return the reason why the present weight is not valid; None: it is.
 
         IN_CONTACT: the last samples do not fit the load; STARTING: too few samples; NOT_A_LOAD: no load can have this
         mass and centre; UNCERTAIN: the standard error is the rated payload or more."""
@@ -315,7 +333,7 @@ class LoadEstimator(Estimator):
         return load if curled else load.changed(partial(degraded, reason=Reason.NOT_CURLED))
 
     def _trust(self, weight: Weight) -> tuple[Status, Reason]:
-        """Return status and reason of a plausible weight.
+        """Return status and reason of a weight that can be a load: OK or DEGRADED.
 
         It is DEGRADED if its standard error exceeds GOOD_ENOUGH rated payloads (in a lift without motion because of
         friction at rest), or if the tares are those of the data sheet; otherwise OK."""

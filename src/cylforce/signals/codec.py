@@ -53,8 +53,9 @@ def decoders(pdos: tuple[Pdo, ...], signals: Mapping[str, int]) -> dict[int, Dec
 
 
 def _decoder(pdo: Pdo, signals: Mapping[str, int]) -> Decoder:
-    """Return the decoder of one PDO.
+    """Return the decoder of one PDO: where its bytes carry signals, and how their raw values become SI values.
 
+    pdo:     layout of the PDO
     signals: number of each signal by its name; fields with other names are skipped
     """
     slots = tuple(
@@ -76,9 +77,13 @@ def _little_endian(*codes: str) -> Struct:
 
 
 def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
-    """Return SI values by name from the data of a PDO; NaN where the sender marks "no value".
+    """Return the SI values that the data of a PDO carry, by the names of the signals; NaN for "no value".
 
-    Raises struct.error when `data` is shorter than the PDO."""
+    Raises struct.error when `data` is shorter than the PDO.
+
+    pdo:  layout of the PDO
+    data: bytes of the frame
+    """
     raw = _struct(pdo).unpack_from(data)
     return {
         f.signal: float("nan") if f.code != "f" and r == not_available(f.code) else r * f.scale + f.offset

@@ -163,7 +163,7 @@ class Force:
         return self.x, self.z, self.magnitude, self.direction
 
     def changed(self, change: Callable[[Quantity], Quantity]) -> "Force":
-        """Return the force with each published quantity changed by `change`."""
+        """Return the force with `change` applied to x, z, magnitude and direction; the covariance stays."""
         return Force(
             x=change(self.x),
             z=change(self.z),
@@ -273,7 +273,13 @@ class Estimate:
 
 
 def no_estimate(t_us: int, reason: Reason, booking: Booking | None, events: tuple[ContactEvent, ...] = ()) -> Estimate:
-    """Return an estimate without any value; the last booking and the last events stay."""
+    """Return an estimate without any value, all of them INVALID for a reason; the last booking and events stay.
+
+    t_us:    time of the tick [us]
+    reason:  why there is no value
+    booking: the last one; None: none yet
+    events:  the last events at the teeth
+    """
     nothing, no_force = invalid(reason), invalid_force(reason)
     return Estimate(
         t_us,
@@ -288,7 +294,12 @@ def no_estimate(t_us: int, reason: Reason, booking: Booking | None, events: tupl
 
 
 def held_estimate(last: Estimate, t_us: int, reason: Reason) -> Estimate:
-    """Return the last estimate, each of its values with the status HOLD and the reason."""
+    """Return the last estimate for a later tick, each of its values with the status HOLD and the reason.
+
+    last:   estimate of an earlier tick; its INVALID values stay INVALID
+    t_us:   time of this tick [us]
+    reason: why the values are held
+    """
 
     def held(quantity: Quantity) -> Quantity:
         if quantity.status is Status.INVALID:

@@ -15,7 +15,8 @@ def clipped(steps: Array, most: float) -> Array:
 
     Several clipped steps in a row are again one step between two limits, so that a block of them is three numbers.
 
-    steps: (T,)
+    steps: (T,) change of z at each step
+    most:  limit of |z|, in the unit of the steps
     """
     rows, last = _blocks(steps, 0.0), len(steps)
     step, low, high = np.zeros(rows.shape[1]), np.full(rows.shape[1], -np.inf), np.full(rows.shape[1], np.inf)

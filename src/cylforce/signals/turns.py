@@ -66,7 +66,7 @@ class Follower:
     """Makes columns of angles continuous over the pieces of a recording.
 
     columns: numbers of the columns, K
-    before: (K,) last known angle of each [rad], NaN: none yet
+    before:  (K,) last known angle of each [rad], NaN: none yet
     """
 
     def __init__(self, columns: Sequence[int]) -> None:
@@ -77,7 +77,10 @@ class Follower:
     def follow(self, values: Array) -> Array:
         """Return the next piece (T, S) of the recording with whole turns added to the angles [rad].
 
-        No angle then differs from the last known one of its column by more than half a turn. NaN stays NaN."""
+        No angle then differs from the last known one of its column by more than half a turn. NaN stays NaN.
+
+        values: (T, S) samples, of which the columns that are angles may lose whole turns
+        """
         if not self.columns:
             return values
         found = values.copy()

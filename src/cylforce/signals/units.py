@@ -48,7 +48,7 @@ MASS_UNITS = {
 
 
 def mass_unit(name: str) -> MassUnit:
-    """Return the unit with a name. Raises ValueError with a sentence."""
+    """Return the unit of mass with a name, such as "t". Raises ValueError with a sentence that lists all names."""
     if name not in MASS_UNITS:
         raise ValueError(f"--unit {name}: is no unit of mass: use {', '.join(MASS_UNITS)}")
     return MASS_UNITS[name]

@@ -79,8 +79,8 @@ def set_links(p: KernelPlan, pitch: Number, turning: Number) -> None:
 
 
 @inner
-def ride(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> None:
-    """Set a rider to a point that is fixed to a body.
+def move_point(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> None:
+    """Compute the motion of a point that is fixed to a body, as a rider: place, velocity, derivatives by the angles.
 
     number: of the rider
     body:   0 the house, then the links
@@ -110,12 +110,13 @@ def ride(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) -> Non
 
 
 @inner
-def swing(p: KernelPlan, c: Count) -> Number:
-    """Set the riders END, the rocker's end, and EYE of the four-bar of cylinder c, and return its transmission.
+def move_four_bar(p: KernelPlan, c: Count) -> Number:
+    """Compute the motion of the four-bar of cylinder c (riders END, its rocker, and EYE), and return its transmission.
 
     The transmission is the sine of the angle between rocker and connecting link; 0 at a dead point, -1 where the
     linkage cannot be closed. The connecting link keeps its length: bar . (d base / d angle) = sine spin, with base from
-    PIN to LINK, bar from LINK to END, and spin the derivative of the rocker's angle.
+    PIN to LINK, bar from LINK to END, and spin the derivative of the rocker's angle. A rider is a moving point: place
+    x, z [m], velocity [m/s], derivatives of the place by each joint's angle [m/rad], and their rates.
 
     Read: riders PIN and LINK, the bars' lengths in `p.bars`
 
@@ -147,19 +148,19 @@ def swing(p: KernelPlan, c: Count) -> Number:
         if j >= both:
             spin = (bar_x * (w[link + g] - w[pin + g]) + bar_z * (w[link + g + 1] - w[pin + g + 1])) / sine
         w[end + g], w[end + g + 1] = w[pin + g] - arm_z * spin, w[pin + g + 1] + arm_x * spin
-        w[end + slope_rate_at(p, j)] = spin  # until `swing_on`
+        w[end + slope_rate_at(p, j)] = spin  # until `change_four_bar`
         turning += spin * (p.qd[j] - before)
         before = p.qd[j]
     w[end], w[end + 1] = w[pin] + arm_x, w[pin + 1] + arm_z
     w[end + 2], w[end + 3] = w[pin + 2] - arm_z * turning, w[pin + 3] + arm_x * turning
-    swing_on(p, both, bar_x, bar_z, sine)
-    between(p, p.bars[bars + EYE_ALONG], p.bars[bars + EYE_ACROSS])
+    change_four_bar(p, both, bar_x, bar_z, sine)
+    move_eye(p, p.bars[bars + EYE_ALONG], p.bars[bars + EYE_ACROSS])
     return abs(sine) / (rocker * connecting)
 
 
 @inner
-def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Number) -> None:
-    """Complete rider END with the time derivative of the derivatives of its place.
+def change_four_bar(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Number) -> None:
+    """Compute how fast the derivatives of the rocker's end (rider END) by the joints' angles change [m/(rad s)].
 
     The rocker's spin, the derivative of its angle by each joint's, has the rate `gain` by the time derivative of bar .
     (d base / d angle) = sine spin.
@@ -190,10 +191,11 @@ def swing_on(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Num
 
 
 @inner
-def between(p: KernelPlan, x: Number, z: Number) -> None:
-    """Set rider EYE to a point of the rocker: PIN plus (x + i z) times the vector from PIN to END.
+def move_eye(p: KernelPlan, x: Number, z: Number) -> None:
+    """Compute the motion of the pin of a cylinder's rod (rider EYE), which is fixed to the rocker of a four-bar.
 
-    All its numbers follow that law, place, velocity and derivatives.
+    It is at PIN plus (x + i z) times the vector from PIN to END, the rocker's ends. A rider is a moving point: place x,
+    z [m], velocity [m/s], derivatives of the place by each joint's angle [m/rad], and their rates. All follow that law.
 
     x, z: place of the eye along and across the rocker, in units of its length
 
@@ -209,11 +211,12 @@ def between(p: KernelPlan, x: Number, z: Number) -> None:
 
 
 @inner
-def stretch(p: KernelPlan, c: Count) -> Count:
-    """Compute the motion of cylinder c, its lever and its speed, and return 1 if its linkage can be closed, else 0.
+def move_cylinder(p: KernelPlan, c: Count) -> Count:
+    """Compute lever [m/rad] and speed [m/s] of cylinder c from the motion of its pins.
 
-    The lever is the derivative of the length by each joint's angle. Lever and speed are zero where the force is not
-    used: at a dead point of the linkage or at an end stop.
+    Return 1 if its linkage can be closed in this posture, else 0. The lever is the derivative of the length by each
+    joint's angle. Lever and speed are zero where the force is not used: at a dead point of the linkage or at an end
+    stop.
 
     Read: motion of the links (`set_links`), `p.rate` [rad/s], `p.bodies`, `p.pins` (C, 6) [m], `p.stops` (C, 2) [m]
 
@@ -222,14 +225,14 @@ def stretch(p: KernelPlan, c: Count) -> Count:
     """
     w = p.riders
     foot, eye, o = rider(p, FOOT), rider(p, EYE), 6 * c  # o: place of the cylinder in `pins`
-    ride(p, FOOT, p.bodies[3 * c], p.pins[o], p.pins[o + 1])
+    move_point(p, FOOT, p.bodies[3 * c], p.pins[o], p.pins[o + 1])
     transmission = 1.0
     if p.bodies[3 * c + 2] < 0:
-        ride(p, EYE, p.bodies[3 * c + 1], p.pins[o + 2], p.pins[o + 3])
+        move_point(p, EYE, p.bodies[3 * c + 1], p.pins[o + 2], p.pins[o + 3])
     else:
-        ride(p, PIN, p.bodies[3 * c + 1], p.pins[o + 2], p.pins[o + 3])
-        ride(p, LINK, p.bodies[3 * c + 2], p.pins[o + 4], p.pins[o + 5])
-        transmission = swing(p, c)
+        move_point(p, PIN, p.bodies[3 * c + 1], p.pins[o + 2], p.pins[o + 3])
+        move_point(p, LINK, p.bodies[3 * c + 2], p.pins[o + 4], p.pins[o + 5])
+        transmission = move_four_bar(p, c)
     x, z = w[eye] - w[foot], w[eye + 1] - w[foot + 1]
     length = sqrt(x * x + z * z)
     closed = 1 if transmission >= 0.0 and length > 0.0 else 0
@@ -253,8 +256,11 @@ def stretch(p: KernelPlan, c: Count) -> Count:
 
 
 @inner
-def follow_line(p: KernelPlan, distance: Number) -> None:
-    """Set rider MIDDLE to the point of the cylinder on the line from FOOT to EYE, at a fixed distance from the foot.
+def move_barrel(p: KernelPlan, distance: Number) -> None:
+    """Compute the motion of a point of the cylinder's barrel (rider MIDDLE), on the line from FOOT to EYE.
+
+    A rider is a moving point: place x, z [m], velocity [m/s], derivatives of the place by each joint's angle [m/rad],
+    and their rates. FOOT is the pin of the barrel, EYE that of the rod.
 
     distance: from the foot [m]
 

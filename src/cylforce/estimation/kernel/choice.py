@@ -9,7 +9,6 @@ from zlib import crc32
 
 from cylforce.estimation.kernel import (
     drifting,
-    followed,
     inputs,
     plan,
     pressures,
@@ -33,7 +32,6 @@ PARTS = (
     "pushed.py",
     "recognised.py",
     "drifting.py",
-    "followed.py",
     "pressures.py",
 )
 COMPILED = "compiled"
@@ -44,7 +42,7 @@ INTERPRETED: Any = SimpleNamespace(
     stepped=inputs.stepped,
     quantise=inputs.quantise,
     KernelSensors=listed(plan.KernelSensors),
-    sense=plan.sense,
+    read_channels=plan.read_channels,
     KernelPlan=listed(plan.KernelPlan),
     KernelSolver=listed(solver.KernelSolver),
     KernelDrift=listed(drifting.KernelDrift),
@@ -54,31 +52,31 @@ INTERPRETED: Any = SimpleNamespace(
     **{
         function.__name__: listed(function)
         for function in (
-            rows.slips,
-            rows.moves,
-            weighed.explain,
+            rows.angle_error_torques,
+            rows.moving_signals,
+            weighed.residual_torque,
             weighed.gate,
             weighed.take,
             weighed.conclude,
-            pushed.push,
-            pushed.show,
+            pushed.tool_force,
+            pushed.published_forces,
             weighed.weigh_load,
-            weighed.without_load,
-            pushed.learn,
-            pushed.fill,
+            weighed.unexplained_torque,
+            pushed.learn_noise,
+            pushed.widen_load,
             recognised.gather,
             recognised.daily_change,
             recognised.gather_block,
-            recognised.error_torques,
-            recognised.rock,
-            followed.certain,
-            followed.follow,
+            recognised.torque_per_error,
+            recognised.rocking_variance,
+            drifting.rows_for_drift,
+            drifting.update_drift,
             recognised.turn_force,
             recognised.mass_slopes,
-            pressures.suspicious,
+            pressures.may_step,
             pressures.certain_steps,
-            pressures.group,
-            pressures.compare,
+            pressures.add_group,
+            pressures.compare_groups,
             pressures.update_noise,
         )
     },
@@ -108,13 +106,13 @@ def choice() -> Choice:
         return Choice(INTERPRETED)
     text = crc32(b"".join((here / name).read_bytes() for name in PARTS))
     try:
-        return judged(import_module(f"{__package__}.{COMPILED}"), text)
+        return matching(import_module(f"{__package__}.{COMPILED}"), text)
     except ImportError as error:
         why = f"{built[0]} is for another processor or Python ({error})"
         return Choice(INTERPRETED, f"the compiled kernel was not taken, the interpreted one runs: {why}")
 
 
-def judged(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
+def matching(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
     """Return the compiled kernel if it was compiled from this source, otherwise the interpreted one.
 
     compiled: imported module, whose `TEXT` is the checksum of the source from which it was compiled

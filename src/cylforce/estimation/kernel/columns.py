@@ -14,12 +14,12 @@ from cylforce.estimation.kernel.bodies import (
     MIDDLE,
     PIN,
     ROCKER_LENGTH,
-    follow_line,
+    move_barrel,
+    move_cylinder,
     rider,
     set_links,
     slope_at,
     slope_rate_at,
-    stretch,
 )
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
@@ -49,8 +49,11 @@ def put(p: KernelPlan, table: Numbers, joint: Count, column: Count, value: Numbe
 
 
 @inner
-def rigid(p: KernelPlan, g: Number, h: Number) -> None:
-    """Compute the columns J, X, Z of `Rigid` of all links: inertia and first moments about their inner pins.
+def link_columns(p: KernelPlan, g: Number, h: Number) -> None:
+    """Compute the columns of inertia and weight of all links (`Rigid`): the joint torques per unit of J, X and Z.
+
+    J [kg m^2] is a link's moment of inertia about its inner pin. X and Z [kg m] are its first moments, mass times place
+    of the centre, along the link and across it.
 
     g, h: specific force, the acceleration of the first pin plus gravity: upwards (g) and forwards (h) in true axes
           [m/s^2]
@@ -58,11 +61,11 @@ def rigid(p: KernelPlan, g: Number, h: Number) -> None:
     Read: `p.level` (N, 2) cosine and sine of the links' angles from the true horizontal, `p.qd` (N,) their rates
     [rad/s], `p.lengths` (N,) [m]
 
-    Written: their columns in `p.momentum` and `p.static` (R, K)
+    Written: the links' columns in `p.momentum` and `p.static` (R, K)
 
-    For c = X + i Z of link k, in joint j, they are Re(c conj(.)) of own_k + sum l_i exp(i (q_k - q_i)) qd_k (momentum)
-    and of (g + i h) exp(i q_k) - i qd_k own_k + sum i qd_i l_i exp(...) qd_k (static). The sums run over i = j ... k-1,
-    and own_k = sum_{i<k} l_i exp(i (q_k - q_i)) qd_i."""
+    For c = X + i Z of link k, in joint j, the columns are Re(c conj(.)) of own_k + sum l_i exp(i (q_k - q_i)) qd_k
+    (momentum) and of (g + i h) exp(i q_k) - i qd_k own_k + sum i qd_i l_i exp(...) qd_k (static). The sums run over i =
+    j ... k-1, and own_k = sum_{i<k} l_i exp(i (q_k - q_i)) qd_i."""
     level, lengths, qd, momentum, static = p.level, p.lengths, p.qd, p.momentum, p.static
     for k in range(p.n):
         t, u, rate = level[2 * k], level[2 * k + 1], qd[k]
@@ -86,9 +89,11 @@ def rigid(p: KernelPlan, g: Number, h: Number) -> None:
 
 
 @inner
-def slewed(p: KernelPlan, square: Number) -> None:
-    """Add the centrifugal part of the house's slewing (`Slew`) to the columns of `rigid`, and compute those of D_excess
-    and E.
+def slewing_columns(p: KernelPlan, square: Number) -> None:
+    """Compute the centrifugal torques while the house slews (`Slew`), per unit of each link's parameters.
+
+    They are added to the columns of inertia J [kg m^2] and first moments X, Z [kg m] of `link_columns`. The columns of
+    D_excess and E [kg m^2], second moments that act only while the house slews, are computed whole.
 
     square: squared slew rate Omega^2 [rad^2/s^2]
 
@@ -119,10 +124,11 @@ def slewed(p: KernelPlan, square: Number) -> None:
 
 
 @inner
-def tip(p: KernelPlan) -> None:
-    """Compute the three columns of `TipForce`: the measured torque per force x, z [m] and per moment at the tool.
+def tool_columns(p: KernelPlan) -> None:
+    """Compute the columns of a force at the tool (`TipForce`): the joint torques by which the cylinders balance it.
 
-    With (x, z) from the joint to the tool they are z, -x and -1: the cylinders must balance the force.
+    They are the torques per newton forwards (x) [m], per newton upwards (z) [m] and per newton metre of moment. With
+    the tool at x, z [m] from a joint, they are z, -x and -1 in that joint.
 
     Read: `p.level` (N, 2) cosine and sine of the links' angles from the true horizontal, `p.arm` (N, 2) from each
     link's pin to the next one, or to the tool [m]
@@ -140,12 +146,15 @@ def tip(p: KernelPlan) -> None:
 
 
 @inner
-def weigh(p: KernelPlan, column: Count, near: Count, far: Count, length: Number, up: Number, forward: Number) -> None:
-    """Compute the column of a bar's weight (`RockerWeight`, `CylinderWeight`): its first moment about one end.
+def bar_columns(
+    p: KernelPlan, column: Count, near: Count, far: Count, length: Number, up: Number, forward: Number
+) -> None:
+    """Compute the column of a bar's weight (`RockerWeight`, `CylinderWeight`): the joint torques per kg m of the bar.
 
-    A unit of the parameter is a mass of 1/length [kg] at the far rider, less the same mass at the near one. For a mass
-    at x, p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with x_j the derivative of x by joint j, v its
-    velocity and rho its distance from the slew axis (`riders.of_mass`).
+    The parameter is the bar's first moment about its near end. One kg m acts as a mass of 1/length [kg] at the far end
+    less the same mass at the near one. A mass at x has, in joint j, the momentum x_j . v and the static torque
+    -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with x_j the derivative of x by the joint's angle, v its velocity and rho
+    its distance from the slew axis (`riders.of_mass`).
 
     column:      number of the parameter
     near, far:   riders at the ends of the bar
@@ -175,8 +184,11 @@ def weigh(p: KernelPlan, column: Count, near: Count, far: Count, length: Number,
 
 
 @inner
-def without_weight(p: KernelPlan, column: Count) -> None:
-    """Set the column of a bar's weight to zero in `p.momentum` and `p.static`, where its linkage cannot be closed."""
+def clear_columns(p: KernelPlan, column: Count) -> None:
+    """Set the column of a bar's weight to zero in `p.momentum` and `p.static` (R, K): its linkage cannot be closed.
+
+    column: number of the parameter
+    """
     for j in range(p.n):
         put(p, p.momentum, j, column, 0.0)
         put(p, p.static, j, column, 0.0)
@@ -193,21 +205,21 @@ def cylinders(p: KernelPlan, up: Number, forward: Number) -> None:
     Read: motion of the links (`set_links`); `p.rocker`, `p.weight` (C,), columns of the weight of a four-bar's bars and
     of the cylinder, -1: none; `p.bars` (C, 6)
 
-    Written: `p.lever` (C, N) [m/rad], `p.speed` (C,) [m/s], `p.good` (C,) (`stretch`); columns of the weights in
+    Written: `p.lever` (C, N) [m/rad], `p.speed` (C,) [m/s], `p.good` (C,) (`move_cylinder`); columns of the weights in
     `p.momentum` and `p.static` (R, K)
     """
     for c in range(p.c):
-        closed = stretch(p, c)
+        closed = move_cylinder(p, c)
         if p.rocker[c] >= 0 and closed:
-            weigh(p, p.rocker[c], PIN, END, p.bars[BARS * c + ROCKER_LENGTH], up, forward)
+            bar_columns(p, p.rocker[c], PIN, END, p.bars[BARS * c + ROCKER_LENGTH], up, forward)
         elif p.rocker[c] >= 0:
-            without_weight(p, p.rocker[c])
+            clear_columns(p, p.rocker[c])
         if p.weight[c] >= 0 and closed:
             half = p.bars[BARS * c + HALF_LENGTH]
-            follow_line(p, half)  # the centre of the barrel
-            weigh(p, p.weight[c], FOOT, MIDDLE, half, up, forward)
+            move_barrel(p, half)  # the centre of the barrel
+            bar_columns(p, p.weight[c], FOOT, MIDDLE, half, up, forward)
         elif p.weight[c] >= 0:
-            without_weight(p, p.weight[c])
+            clear_columns(p, p.weight[c])
 
 
 @inner
@@ -270,7 +282,10 @@ def forces(p: KernelPlan) -> None:
 
 @inner
 def columns(p: KernelPlan) -> None:
-    """Compute all columns, levers, speeds and torques of one instant from the channels and their rates.
+    """Compute the equations of one instant before the filters: measured joint torques, and columns that explain them.
+
+    torque = d/dt (momentum columns @ parameters) + static columns @ parameters, for each of R measured torques. Lever
+    and speed of each cylinder, and the motion of the links, are results, too.
 
     The channels are N joint angles [rad], C cylinder forces [N], with an inertial sensor on the base its rate of
     rotation [rad/s] and specific force forwards and upwards [m/s^2], then pitch and roll [rad], and slew rate [rad/s]
@@ -293,9 +308,9 @@ def columns(p: KernelPlan) -> None:
         g, h = z * cos(pitch) + x * sin(pitch), x * cos(pitch) - z * sin(pitch)
     set_links(p, pitch, turning)
     p.torque[p.r] = slew * slew
-    rigid(p, g, h)
+    link_columns(p, g, h)
     if p.slewed_size:
-        slewed(p, slew * slew)
-    tip(p)
+        slewing_columns(p, slew * slew)
+    tool_columns(p)
     cylinders(p, g * cos(pitch) - h * sin(pitch), g * sin(pitch) + h * cos(pitch))
     forces(p)

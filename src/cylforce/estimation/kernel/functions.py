@@ -33,17 +33,19 @@ class Kernel(Protocol):
     def stepped(self, p: Inputs, state: Flat, found: Flat, /) -> None: ...
     def quantise(self, size: int, limits: Flat, values: Flat, sent: Counts, /) -> None: ...
     # plan.py
-    def sense(self, p: Sensors, values: Flat, into: Flat, /) -> int: ...
+    def read_channels(self, p: Sensors, values: Flat, into: Flat, /) -> int: ...
     # rows.py
     def advance(self, p: Plan, old: Flat, here: Flat, new: Flat, out: Flat, first: int, /) -> None: ...
     def state_size(self, p: Plan, /) -> int: ...
     def rows_size(self, p: Plan, /) -> int: ...
-    def slips(
+    def angle_error_torques(
         self, p: Plan, channels: Flat, values: Flat, joints: Counts, size: int, step: float, torques: Flat, /
     ) -> None: ...
-    def moves(self, speed: Flat, size: int, least: float, by: Counts, signals: int, found: Flat, /) -> None: ...
+    def moving_signals(
+        self, speed: Flat, size: int, least: float, by: Counts, signals: int, found: Flat, /
+    ) -> None: ...
     # weighed.py
-    def explain(self, s: Solver, rows: Flat, drift: Flat, residual: Flat, /) -> None: ...
+    def residual_torque(self, s: Solver, rows: Flat, drift: Flat, residual: Flat, /) -> None: ...
     def gate(
         self,
         s: Solver,
@@ -60,7 +62,10 @@ class Kernel(Protocol):
     ) -> int:
         """Return whether an instant fits the load of a lift: 0 no, 1 yes, 2 yes and a usable row moves.
 
-        Which arguments are read and written, with shapes and units: see `weighed.gate`."""
+        Read are `rows` (columns, then measured torques [N m]), `residual` (residual torques [N m], their variances),
+        the variance by a rocking base [N^2 m^2] (`base_variance`), which rows are `usable`, the steps for which each
+        has `rested`, the `drift` of friction and zeros with `drift_covariance`, and the state of the `lift`. `work` is
+        written: the rows to be taken. Shapes and units: `weighed.gate`."""
 
     def take(self, s: Solver, rows: Flat, residual: Flat, work: Flat, lift: Flat, /) -> None: ...
     def conclude(self, s: Solver, lift: Flat, drift: Flat, drift_covariance: Flat, conclusion: Flat, /) -> None: ...
@@ -81,13 +86,16 @@ class Kernel(Protocol):
     ) -> int:
         """Update the state of a lift with one instant if it fits, and compute the mass and centre of its load.
 
-        Which arguments are read and written, with shapes and units: see `weighed.weigh_load`."""
+        Arguments and result are those of `gate`: the instant (`rows`, `residual`, `base_variance`, `usable`), the steps
+        for which each row has `rested`, the `drift` with `drift_covariance`. `lift` is updated, `work` is room,
+        `conclusion` is written: mass [kg], centre [m], their standard errors. Shapes and units:
+        `weighed.weigh_load`."""
 
-    def without_load(
+    def unexplained_torque(
         self, s: Solver, rows: Flat, residual: Flat, lift: Flat, unexplained: Flat, values: Flat, /
     ) -> None: ...
     # pushed.py
-    def push(
+    def tool_force(
         self,
         s: Solver,
         rows: Flat,
@@ -101,11 +109,14 @@ class Kernel(Protocol):
         force: Flat,
         /,
     ) -> None:
-        """Compute the force at the tool at one instant from the residual torques, with its covariance.
+        """Compute the force at the tool [N] at one instant from the residual torques, with its covariance.
 
-        Which arguments are read and written, with shapes and units: see `pushed.push`."""
+        Read are `rows` (columns and measured torques [N m]), which are `usable`, the `load` in the bucket (m, m x, m z,
+        J), the `drift` of friction and zeros, `signal_torques` [N m] by the probable error of each of `signals`
+        signals, and the errors of the torques before this instant (`noise_before`). These errors after it (`noise`) and
+        the `force` are written. Shapes and units: `pushed.tool_force`."""
 
-    def show(
+    def published_forces(
         self,
         s: Solver,
         force: Flat,
@@ -117,12 +128,15 @@ class Kernel(Protocol):
         ground: Flat,
         /,
     ) -> None:
-        """Compute the two published forces: the resultant at the tool, and the force of the ground.
+        """Compute the two published forces, resultant and force of the ground, from the result `force` of `tool_force`.
 
-        Which arguments are read and written, with shapes and units: see `pushed.show`."""
+        The force of the ground is the resultant less that of the `load` (m, m x, m z, J) with `load_covariance`; unless
+        `load_known`, it is the resultant less the weight of the mass that explains most of it. `clear` is the ratio of
+        a force to its standard error across, above which its direction is certain. `resultant` and `ground` are
+        written: components [N], direction [rad], standard errors. Shapes: `pushed.published_forces`."""
 
-    def learn(self, s: Solver, force: Flat, good: Flat, load: Flat, noise: Flat, /) -> None: ...
-    def fill(self, covariance: Flat, full: Flat, share: float, result: Flat, /) -> None: ...
+    def learn_noise(self, s: Solver, force: Flat, good: Flat, load: Flat, noise: Flat, /) -> None: ...
+    def widen_load(self, covariance: Flat, full: Flat, share: float, result: Flat, /) -> None: ...
     # recognised.py
     def gather(
         self,
@@ -137,9 +151,13 @@ class Kernel(Protocol):
         gram: Flat,
         /,
     ) -> int:
-        """Add the normal equations of one instant to those of a block, and return the number of rows added.
+        """Add the normal equations of one instant to those of a block of motion, and return the number of rows added.
 
-        Which arguments are read and written, with shapes and units: see `recognised.gather`."""
+        A row is the residual torque [N m] of one measured joint, if it is `usable` and in motion. Its unknowns are a
+        load, changes of friction and zeros in units of `change`, and an error of each of `signals` signals, which
+        causes `error_torques` [N m per unit]. `rows` are the columns, `residual` the residual torques with their
+        variances; `memory` samples count as one. `gram`, the sums of products, is updated. Shapes:
+        `recognised.gather`."""
 
     def daily_change(
         self, s: Solver, drift_covariance: Flat, stroke_errors: Flat, frictions: int, unknown: float, change: Flat, /
@@ -163,11 +181,15 @@ class Kernel(Protocol):
         gram: Flat,
         /,
     ) -> int:
-        """Add the normal equations of one instant to those of a block of the plausibility tests (`gather`).
+        """Add the normal equations of one instant to those of a block of the plausibility tests, as `gather` does.
 
-        Which arguments are read and written, with shapes and units: see `recognised.gather_block`."""
+        The residual torque is computed here from `rows` (columns and measured torques) less the `drift` of the
+        frictions, the first `frictions` drifts. The unit of a change of friction or zero is its standard error between
+        strokes (`stroke_errors`), of a friction wider by `unknown` as long as `drift_covariance` is large. `usable`,
+        `error_torques`, `signals` and `memory` are those of `gather`. `residual`, `change` and `friction_drift` are
+        room, `gram` is updated. Shapes: `recognised.gather_block`."""
 
-    def error_torques(
+    def torque_per_error(
         self,
         p: Plan,
         s: Solver,
@@ -185,11 +207,14 @@ class Kernel(Protocol):
         torques: Flat,
         /,
     ) -> None:
-        """Compute the residual torque by a unit error of each signal: the sensitivity (R, H) to misleading readings.
+        """Compute the residual torque (R, H) that one unit of error of each of H signals causes, into `torques`.
 
-        Which arguments are read and written, with shapes and units: see `recognised.error_torques`."""
+        The signals are `forces` cylinder forces [bar over the head area], with `force_columns` among the columns
+        (`rows`) and `per_bar` [N/bar], then `angles` joint angles [rad] of `joints`, varied by `step` [rad] at the
+        present `channels` with the `load` in the bucket. `values` and `angle_torques` are room. Shapes and units:
+        `recognised.torque_per_error`."""
 
-    def rock(
+    def rocking_variance(
         self,
         p: Plan,
         s: Solver,
@@ -209,9 +234,13 @@ class Kernel(Protocol):
         base_variance: Flat,
         /,
     ) -> None:
-        """Compute the variance that a rocking base adds to each row (measured torque).
+        """Compute the variance [N^2 m^2] that a rocking base adds to each row (measured torque), into `base_variance`.
 
-        Which arguments are read and written, with shapes and units: see `recognised.rock`."""
+        While `learning`, the `variances` of the base's accelerations [m^2/s^4] move by `share` towards what the torque
+        shows that the load of the `lift` does not explain (`rows`, `residual` at these `channels`), unless its misfit
+        exceeds `largest_misfit`. `prior` is the prior information on an acceleration, `tilt_variance` the least
+        variance, from the tilt. `unexplained`, `values` and `levers` are room. Shapes and units:
+        `recognised.rocking_variance`."""
 
     def turn_force(
         self, p: Plan, channels: Flat, x: float, z: float, joints: Counts, angles: int, first: int, torques: Flat, /
@@ -228,13 +257,15 @@ class Kernel(Protocol):
         slopes: Flat,
         /,
     ) -> None:
-        """Compute the change of the load's mass per unit of each signal's error: the first row of A^-1 B.
+        """Compute the change of the load's mass [kg] per unit of each signal's error, into `slopes`.
 
-        Which arguments are read and written, with shapes and units: see `recognised.mass_slopes`."""
+        Read are the sums of products of a lift's ended blocks (`lift_gram`) and of the running block (`block_gram`),
+        equations of `size` numbers of which `errors` belong to errors of signals, and the `prior` information on the
+        load. `memory` samples count as one; `work` is room. Shapes and units: `recognised.mass_slopes`."""
 
-    # followed.py
-    def certain(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
-    def follow(
+    # drifting.py
+    def rows_for_drift(self, a: Drift, columns: Flat, usable: Flat, /) -> int: ...
+    def update_drift(
         self,
         a: Drift,
         number: int,
@@ -251,10 +282,13 @@ class Kernel(Protocol):
     ) -> None:
         """Update the drift of frictions and pressure zeros with one instant of an empty bucket.
 
-        Which arguments are read and written, with shapes and units: see `followed.follow`."""
+        Read are the instant's `columns` and `residual` torques of the `number` rows that `rows_for_drift` listed, the
+        variance by a rocking base (`base_variance`), and from the last update the information (`factor`, `right`), the
+        drift (`values`), the `scale` of its spread, and the `mass` [kg] that the empty bucket would show. `update` is
+        written, with the same parts. Shapes and units: `drifting.update_drift`."""
 
     # pressures.py
-    def suspicious(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
+    def may_step(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
     def certain_steps(
         self,
         p: int,
@@ -274,13 +308,15 @@ class Kernel(Protocol):
         misfit: Flat,
         /,
     ) -> int:
-        """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by a swap of
-        plugs, 3 either, 0 none.
+        """Return whether readings show a step: 1 of one of `p` pressures, 2 by a swap of plugs, 3 either, 0 none.
 
-        Which arguments are read and written, with shapes and units: see `pressures.certain_steps`."""
+        `bends` smooth `curves` through `size` readings [Pa], with a step after `before` of them and without, are
+        compared by their likelihood: `noise` is the sensors' variance [Pa^2], `free` and `known` are degrees of
+        freedom. The log likelihood ratio must exceed `least`. `pairs` lists `swaps` swaps of at most `most` pairs.
+        `products` and `misfit` are written. Shapes and units: `pressures.certain_steps`."""
 
-    def group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
-    def compare(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
+    def add_group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
+    def compare_groups(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
     def update_noise(
         self,
         p: int,
@@ -297,6 +333,9 @@ class Kernel(Protocol):
         state: Flat,
         /,
     ) -> None:
-        """Update the noise of the pressures whose cylinder moved, with one group of readings.
+        """Update the noise of those of `p` pressures whose cylinder `moved`, with one group of `size` readings [Pa].
 
-        Which arguments are read and written, with shapes and units: see `pressures.update_noise`."""
+        A noise is gone if the last groups vary less than the `limits` limits in `quiet`, shares of the noise before;
+        `tenth` is the first decile of the noise of groups as a share of the white noise. Read are means and variances
+        of the last `number` `groups` and the `stated` variances of the sensors [Pa^2]. `work` is room, `state` is
+        updated: noise of earlier groups, number of groups since it is gone. Shapes: `pressures.update_noise`."""

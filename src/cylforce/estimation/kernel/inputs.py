@@ -124,11 +124,15 @@ class KernelInputs:
     arrays: object
 
     def __init__(self, counts: list[Any], numbers: list[Any]) -> None:
-        """Set the constants from lists.
+        """Set the constants of all signals and PDOs from lists. A slot is a field of a PDO that carries a signal.
 
-        counts:  arrays of integers: first, signal, item, noisy, node, items
-        numbers: arrays of numbers: scale, offset, low, high, missing, period, patience, fastest, period_s, noise, late,
-                 turn, around; then one array of the limits hold, quiet, frozen, needed
+        counts:  arrays of integers: first slot of each PDO; signal of each slot, and its place among the PDO's items;
+                 whether equal values of each signal mean that it is frozen; node of each PDO, and its number of items
+        numbers: arrays of numbers: of each slot scale, offset and range [SI], and the raw value that means "no value";
+                 of each PDO its shortest period and the longest wait for a heartbeat [us]; of each signal its fastest
+                 change [SI/s], period [s], noise [SI], age above which it is late [us], and turn after which it repeats
+                 [SI]; of each slot that turn for joints only; last four limits: hold and quiet [us], frozen and needed
+                 values
         """
         self.arrays = (counts, numbers)
         self.s, self.p = len(counts[3]), len(counts[4])
@@ -183,8 +187,8 @@ def take_frame(
 ) -> None:
     """Update the state with one frame: the rate of its PDO, its signals, and the counters of wrong lengths.
 
-    The rate shows whether a second producer sends the same PDO (`paced`). A frame that is too short has no values in
-    `raw`: all its signals are refused as SHORT.
+    The rate shows whether a second producer sends the same PDO (`update_rate`). A frame that is too short has no values
+    in `raw`: all its signals are refused as SHORT.
 
     t_us:   at which it was received [us]
     pdo:    number of its PDO
@@ -198,13 +202,13 @@ def take_frame(
     Read and written:
     state:  of signals, PDOs, nodes and counters (`layout.InputLayout`)
     """
-    paced(p, state, t_us, pdo)
+    update_rate(p, state, t_us, pdo)
     for slot in range(p.first[pdo], p.first[pdo + 1]):
         signal = SIGNAL * p.signal[slot]
         if sort < 0:
             state[signal + REASON], state[signal + GOOD_VALUES] = SHORT, 0.0
         else:
-            judge(p, state, t_us, slot, raw[raw_at + p.item[slot]], moving[p.signal[slot]])
+            check_value(p, state, t_us, slot, raw[raw_at + p.item[slot]], moving[p.signal[slot]])
     if sort != 0:
         counters = node_at(p, nodes(p))
         state[counters + (SHORT_FRAMES if sort < 0 else LONG_FRAMES)] += 1.0
@@ -222,7 +226,7 @@ def nodes(p: KernelInputs) -> Count:
 
 
 @inner
-def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
+def update_rate(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
     """Update the rate of a PDO with one more frame, and from it whether a second node sends the same PDO.
 
     The surplus sums 1 - dt/period over the frames. For one producer it stays within the jitter, whatever the number of
@@ -231,6 +235,7 @@ def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
     pause or a step of the clock, the heartbeat of its node is given its whole time once more.
 
     t_us:  at which the frame was received [us]
+    pdo:   number of the PDO
 
     Read and written:
     state: (`layout.InputLayout`) time, surplus and time of a second producer of the PDO; heartbeat time of its node
@@ -257,12 +262,13 @@ def paced(p: KernelInputs, state: Numbers, t_us: Number, pdo: Count) -> None:
 
 
 @inner
-def judge(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Number, moving: Number) -> None:
-    """Update a signal with one received value: accept it, or store the reason why it is refused.
+def check_value(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw: Number, moving: Number) -> None:
+    """Check one received value of a signal: store it as the signal's value [SI], or store the reason why it is refused.
 
-    It is refused, in this order, if it means "no value", is not finite, is out of range, steps by more than is
-    plausible, or is the same as too many before it. A signal that was refused for longer than `p.hold` is accepted
-    again after `p.needed` good values in a row. After JUMPS_BELIEVED implausible values the new level is accepted.
+    The value is raw scale + offset. It is refused, in this order, if it means "no value", is not finite, is out of
+    range, steps by more than is plausible, or is the same as too many before it. A signal that was refused for longer
+    than `p.hold` is accepted again after `p.needed` good values in a row. After JUMPS_BELIEVED implausible values the
+    new level is accepted.
 
     t_us:   at which the value was received [us]
     slot:   number of the value's place in its PDO (`KernelInputs`)
@@ -370,7 +376,7 @@ def room_for(p: KernelInputs, k: Count, seconds: Number) -> Number:
 
 
 def usable(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> Count:
-    """Judge the S signals at a tick, and return the number of signals that are not usable.
+    """Compute the values of the S signals at a tick and why each is not usable, and return how many are not usable.
 
     The last value of a signal that is late or was refused is used for `p.hold`; after that the signal is not usable.
 
@@ -392,7 +398,7 @@ def usable(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> Co
             sample[reasons + k] = STALE if reason == GOOD else reason
         elif reason != GOOD or age > p.late[k]:
             sample[late] = STALE if reason == GOOD else reason
-    judge_producers(p, state, t_us, sample)
+    check_producers(p, state, t_us, sample)
     bad, sample[stepped] = 0, 0.0
     for k in range(p.s):
         bad += sample[reasons + k] != GOOD
@@ -402,8 +408,8 @@ def usable(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> Co
 
 
 @inner
-def judge_producers(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> None:
-    """Set the reason of the signals of each PDO whose producer cannot be relied on.
+def check_producers(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> None:
+    """Refuse the signals of each PDO whose sender is not reliable: its node is lost or stopped, or two nodes send it.
 
     The reason is NOT_OPERATIONAL if its node was not operational, or its heartbeat was too old, when the PDO was
     received; TWO_PRODUCERS if another node has sent the PDO within `p.quiet` [us]. A node whose heartbeat was never

@@ -84,8 +84,11 @@ class RowLayout:
     """
 
     def __init__(self, sizes: Sizes) -> None:
-        """Compute the places for a machine of these sizes; the parts follow each other in the order of their names
-        below, from `slow_columns` to `speed`, with the levers (C, R) of the cylinders before `place`."""
+        """Compute the places of the parts in the rows of a step, for a machine of these sizes.
+
+        The parts follow one another: columns (R, K) and torques (R,) for the weighing; columns and torques of the
+        instant, for the force; time derivative (R, K) of the columns; reversing cylinders (C,) and their levers (C, R);
+        place and velocity (2,) of the tool; usable rows (R,); speed (C,) of the cylinders."""
         r, k, c = sizes.rows, sizes.columns, sizes.cylinders
         self.shape = (r, k)
         ends = np.cumsum([0, r * k, r, r * k, r, r * k, c, c * r, 2, 2, r, c]).tolist()
@@ -127,7 +130,10 @@ class GateLayout:
     """
 
     def __init__(self, rows: int) -> None:
-        """Compute the places for R `rows`: columns (R, 4), then four parts of one number for each row."""
+        """Compute the places of the parts in the test of an instant, for R `rows` (measured torques).
+
+        The parts follow one another: columns (R, 4) of the load; residual torque, variance, whether the row is taken,
+        and samples at rest, (R,) each."""
         self.columns = slice(0, 4 * rows)
         self.torque, self.variance, self.taken, self.rested = (slice(k * rows, (k + 1) * rows) for k in range(4, 8))
         self.size = 8 * rows
@@ -146,7 +152,9 @@ class ConclusionLayout:
     """
 
     def __init__(self, parameters: int, drifts: int) -> None:
-        """Set the places for P `parameters` and D `drifts`; the places of single numbers are those of `weighed`."""
+        """Set the places of the numbers in the result of a lift: mass, centre, their errors, and sensitivities.
+
+        The sensitivities (P + D,) of the mass to P `parameters` and D `drifts` come last."""
         self.mass, self.error = MASS, MASS_ERROR
         self.x, self.z = CENTRE, CENTRE + 1
         self.x_error, self.z_error = CENTRE_ERROR, CENTRE_ERROR + 1
@@ -155,7 +163,7 @@ class ConclusionLayout:
 
 
 class DriftLayout:
-    """Places in an update of D drifts (`followed.follow`), of which the information has N unknowns.
+    """Places in an update of D drifts (`drifting.update_drift`), of which the information has N unknowns.
 
     factor:     (N, N) triangle R of the information R'R
     right:      (N,) right-hand side beside it
@@ -167,7 +175,11 @@ class DriftLayout:
     """
 
     def __init__(self, drifts: int) -> None:
-        """Compute the places for D `drifts`; N = 5 + D unknowns: load (4), usual carry-back (1), drifts."""
+        """Compute the places of the parts of the adaptation's result, for D `drifts` of friction and pressure zeros.
+
+        The parts follow one another in one array: triangle (N, N) and right-hand side (N,) of the information on N
+        unknowns, drift (D,), its covariance (D, D), its scale (2,), and the mass. The N = 5 + D unknowns are the
+        carry-back of this return less the usual one, as a load (4), the usual carry-back (1), and the drifts (D)."""
         n, d = DRIFT + drifts, drifts
         ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
         self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])
@@ -176,7 +188,7 @@ class DriftLayout:
 
 
 class ResidualLayout:
-    """Places in the residual of R rows (`weighed.explain`).
+    """Places in the residual of R rows (`weighed.residual_torque`).
 
     torque:   (R,) residual torque of tares and drift [N m]
     variance: (R,) without friction at rest [N^2 m^2]
@@ -184,7 +196,10 @@ class ResidualLayout:
     """
 
     def __init__(self, rows: int) -> None:
-        """Compute the places for R `rows`; the columns (R, D) of the drift follow these three parts."""
+        """Compute the places of the parts in a residual, for R `rows` (measured torques).
+
+        The parts are the residual torque, its variance, and the variance of friction at rest, (R,) each; the columns
+        (R, D) of the drift follow."""
         self.torque = slice(0, rows)
         self.variance = slice(rows, 2 * rows)
         self.rest = slice(2 * rows, 3 * rows)
@@ -201,7 +216,10 @@ class SampleLayout:
     """
 
     def __init__(self, signals: int) -> None:
-        """Compute the places for S `signals`: values (S,), reasons (S,), then two single numbers."""
+        """Compute the places of the parts in the sample of a tick, for S `signals`.
+
+        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason why one of them is late,
+        number of stepped signals."""
         self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
         self.late, self.stepped = 2 * signals, 2 * signals + 1
         self.size = 2 * signals + 2
@@ -220,9 +238,11 @@ class InputLayout:
     """
 
     def __init__(self, signals: int, pdos: int, nodes: int) -> None:
-        """Compute the places for S `signals`, P `pdos` and M `nodes`, one after the other, then the frame counters.
+        """Compute the places of the parts in the state of the sensors' inputs.
 
-        A signal has SIGNAL numbers, a PDO and a node have SENDER numbers each (`kernel/inputs.py`)."""
+        The state lists S `signals` with SIGNAL numbers each, P `pdos` and M `nodes` with SENDER numbers each, then the
+        frame counters: frames with an unknown identifier, too short, too long, and the times [us] of the last one that
+        was too long and of the last one that another node sent with our identifiers."""
         self.signals, self.pdos, self.nodes = signals, pdos, nodes
         self._pdos = SIGNAL * signals
         self._nodes = self._pdos + SENDER * pdos
@@ -248,7 +268,7 @@ class InputLayout:
 
 
 class ForceLayout:
-    """Places in the force of R rows (`pushed.push`).
+    """Places in the force of R rows (`pushed.tool_force`).
 
     x, z:       force at the tool [N]
     xx, xz, zz: its covariance [N^2]
@@ -259,7 +279,7 @@ class ForceLayout:
     """
 
     def __init__(self, rows: int) -> None:
-        """Compute the places for R `rows`.
+        """Compute the places of the parts in the force of an instant, for R `rows` (measured torques).
 
         In front of the force are residual torque (R,) and variance of friction of unknown sign (R,). Behind its
         covariance (2, 2) are gain (2, R) and columns of the load (R, 4)."""

@@ -60,7 +60,7 @@ def counts(values: Iterable[int]) -> Counts:
 
 
 def plan(model: Model, kind: Callable[..., KernelPlan]) -> KernelPlan:
-    """Return the kernel's plan of a model: constants of its machine, of its columns and filters.
+    """Return the constants of a model in the form that the kernel takes: its machine's geometry, columns and filters.
 
     Raises TypeError for an effect whose law the kernel does not have.
 
@@ -70,7 +70,11 @@ def plan(model: Model, kind: Callable[..., KernelPlan]) -> KernelPlan:
 
 
 def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Numbers]]:
-    """Return the four arguments of `KernelPlan`: sizes, physics, arrays of integers, arrays of numbers."""
+    """Return a machine's geometry, columns and filters as the four arguments of the kernel's class `KernelPlan`.
+
+    They are: numbers of joints, cylinders, measured torques, columns, channels and laws, and flags; gravity [m/s^2],
+    places [m] and fixed step [s]; arrays of integers (numbers of rows, cylinders, bodies and columns); arrays of
+    numbers (lengths, pins, bars, stops [m], constants of the laws, coefficients of the filters, room for results)."""
     machine, table = model.machine, _Table(model)
     n, c, r = machine.size, len(machine.cylinders), len(machine.rows)
     k, d = len(table.names), n + c + (6 if model.channels.inertial else 3)
@@ -133,7 +137,9 @@ class _Table:
     """
 
     def __init__(self, model: Model) -> None:
-        """Find the columns of all effects. Raises TypeError for an effect whose law the kernel does not have."""
+        """Find the columns of each effect of a model by their names.
+
+        Raises TypeError for an effect whose law the kernel does not have."""
         self._model, machine = model, model.machine
         regressor = model.filtered.regressor
         self.names = {name: k for k, name in enumerate(regressor.names)}
@@ -151,7 +157,10 @@ class _Table:
         return self.names[name]
 
     def _take(self, effect: Effect, links: Sequence[str]) -> None:
-        """Store the columns of one effect; `links`: names of the machine's links."""
+        """Store the numbers of the columns of one effect, and the constants of its law.
+
+        links: names of the machine's links
+        """
         machine, law = self._model.machine, getattr(effect, "law", effect)  # the law of a friction
         if type(law) in FORCE_LAWS:
             self.laws += [FORCE_LAWS[type(law)], self.names[effect.parameters(machine)[0].name]]
@@ -212,7 +221,9 @@ def _acting(model: Model) -> list[int]:
 
 
 def _bodies(machine: Machine) -> list[int]:
-    """Return (C, 3) the bodies of the pins: foot; eye, or rocker and connecting link; -1 in the third: no four-bar."""
+    """Return the numbers (C, 3) of the bodies that carry each cylinder's pins, flat: 0 is the house, then the links.
+
+    The pins are foot and eye, then -1; of a four-bar foot, pin of the rocker and pin of the connecting link."""
     found = []
     for cylinder in machine.cylinders:
         bodies = [body for body, _ in cylinder.linkage.pins]
@@ -226,7 +237,10 @@ def _pairs(points: Iterable[complex]) -> list[float]:
 
 
 def _pins(machine: Machine) -> list[float]:
-    """Return (C, 6) x, z of the three pins of `_bodies`, each in its body's axes [m]; 0 for a third that is absent."""
+    """Return the places (C, 6) of each cylinder's three pins, x and z one after the other, flat [m].
+
+    They are foot and eye, or foot, rocker pin and pin of the connecting link, each in its own body's axes. An absent
+    third pin has 0."""
     found = []
     for cylinder in machine.cylinders:
         found += [*_pairs(local for _, local in cylinder.linkage.pins), 0.0, 0.0][:6]

@@ -121,14 +121,19 @@ class KernelPlan:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], physics: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Set the constants from lists in the order in which `making.plan` makes them.
+        """Set the constants of a machine's geometry, columns and filters from lists in the order of `making.plan`.
 
-        sizes:   n, c, r, k, d, law_size, waits, rate_slew, inertial, tip
-        physics: gravity, axis, base_x, base_z, dt
-        counts:  arrays of integers: row, acting, bodies, rigid, slewed, rocker, weight, laws, levers, used, moved, good
-        numbers: arrays of numbers: lengths, arm, pins, bars, stops, shapes; coefficients of the filters channel, mean,
-                 begun, slope, rest, quick, settled, slow; room for middle, rate, q, qd, turn, level, hinge, riders,
-                 lever, speed, pushes, momentum, static, torque
+        sizes:   numbers of joints (n), cylinders (c), measured torques (r), columns (k), channels (d) and force laws;
+                 steps for which a bad lever spoils a row; whether the slew rate is measured, and whether the base has
+                 an inertial sensor; first column of the tool
+        physics: gravity [m/s^2]; distance of the first pin from the slew axis [m]; place x, z of the inertial sensor
+                 from that pin [m]; fixed step [s]
+        counts:  arrays of integers: row of each joint, cylinders that act on each row, bodies of the cylinders' pins;
+                 columns of the links, of slewing, of the weights of four-bars and cylinders, and of the force laws;
+                 places of the levers and of the columns that can differ from zero; room for the usable cylinders
+        numbers: arrays of numbers: lengths of the links, pins, bars and stops of the cylinders [m], constants of the
+                 force laws; coefficients and first states of the filters; room for the motion of one instant, its
+                 columns and its torques
         """
         self.arrays = (counts, numbers)
         self.n, self.c, self.r, self.k, self.d = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]
@@ -184,12 +189,13 @@ class KernelSensors:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], most: float, counts: list[Any], areas: list[Any]) -> None:
-        """Set the constants from lists in the order in which `making.sensors` makes them.
+        """Set which signals give the channels of a sample, from lists in the order of `making.sensors`.
 
-        sizes:  n, c, d, tilt_size
-        most:   largest tilt [rad]
-        counts: arrays of integers: turned, pushed, base, tilts
-        areas:  a list of one array: areas
+        sizes:  numbers of joints (n), of cylinders (c), of channels (d) and of signals of tilt
+        most:   largest tilt of the chassis that is used [rad]
+        counts: arrays of numbers of signals, -1: not measured: encoder and inclinometer of each joint; force pin, head
+                and rod pressure of each cylinder; motion of the base; tilts of the chassis
+        areas:  a list of one array: areas of head and rod side [m^2] and fixed rod pressure [Pa] of each cylinder
         """
         self.arrays = (counts, areas)
         self.n, self.c, self.d, self.tilt_size = (sizes[i] for i in range(4))
@@ -199,7 +205,7 @@ class KernelSensors:
         self.areas = as_numbers(areas[0])
 
 
-def sense(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
+def read_channels(p: KernelSensors, values: Numbers, into: Numbers) -> Count:
     """Compute the channels from the values of all signals, and return how many tilts of the chassis are too large.
 
     The D channels are N joint angles [rad], C cylinder forces [N], then motion of the base: with an inertial sensor its

@@ -22,7 +22,7 @@ WHITE: Count = 3  # variance of the white part of the noise [Pa^2]
 CODES: Count = 2  # readings with no more different values than this show the sensor's resolution, not its noise
 
 
-def suspicious(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Count:
+def may_step(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Count:
     """Return 1 if one of the P pressures steps at a reading by more than its gate, else 0.
 
     Its change must also exceed by the gate the change that the readings around it predict.
@@ -75,7 +75,7 @@ def certain_steps(
     known:     degrees of freedom of the noise known from before
     least:     log likelihood ratio [nats]
     swaps:     E, number of swaps
-    most:      M, largest number of pressures in one of them
+    most:      M, largest number of pairs in one of them
 
     Read:
     readings:  (T, P) [Pa]
@@ -165,9 +165,10 @@ def crossed(products: Numbers, bends: Count, a: Count, b: Count) -> Number:
 
 @inner
 def unlikely(squares: Number, noise: Number, free: Number, known: Number) -> Number:
-    """Return minus the log likelihood [nats] of a residual with a variance of its own, but at least the noise.
+    """Return minus the log likelihood [nats] of the residual of a curve through readings; 0 up to the sensor's noise.
 
-    (free + known) / 2 log((known + squares / noise) / (known + free)): Student's t; 0 up to the noise.
+    Its variance is not known, but at least that of the noise (Student's t). The result is
+    (free + known) / 2 log((known + squares / noise) / (known + free)).
 
     squares: sum of squares of the residual [Pa^2]
     noise:   variance of the sensor [Pa^2]
@@ -177,7 +178,7 @@ def unlikely(squares: Number, noise: Number, free: Number, known: Number) -> Num
     return 0.5 * (free + known) * log(max((known + squares / noise) / (known + free), 1.0))
 
 
-def group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
+def add_group(p: Count, readings: Numbers, begin: Count, way: Numbers, moves: Number, groups: Numbers) -> None:
     """Add a group of readings to the tables of groups, for each pressure with |way| > moves; the oldest is dropped.
 
     p:        P, number of pressures
@@ -249,7 +250,7 @@ def ranked(x: Numbers, begin: Count, step: Count, size: Count, above: Number, pl
     return work[place]
 
 
-def compare(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
+def compare_groups(p: Count, groups: Numbers, work: Numbers, ratios: Numbers) -> Count:
     """Compare the variance between groups with the noise within them; return the number of pressures compared.
 
     A pressure is compared if there are G groups, at least EACH_WAY of them in either direction of its cylinder. A
@@ -327,7 +328,7 @@ def update_noise(
         if moved[i] != 0.0:
             noise, since = second_differences(p, readings, 0, size, i), NOISES * p + i  # `since`: place of the number
             gone = 1 if state[since] > 0.0 else 0
-            if gone == 0 and digits(p, readings, size, i) > CODES:
+            if gone == 0 and distinct(p, readings, size, i) > CODES:
                 gone = less_than_known(p, groups, number, size, i, stated[i], tenth, quiet, limits, work, state)
             if gone:
                 state[since] += 1.0
@@ -360,7 +361,7 @@ def second_differences(p: Count, x: Numbers, begin: Count, size: Count, i: Count
 
 
 @inner
-def digits(p: Count, x: Numbers, size: Count, i: Count) -> Count:
+def distinct(p: Count, x: Numbers, size: Count, i: Count) -> Count:
     """Return the number of different values among the readings of a pressure.
 
     p:    P, number of pressures

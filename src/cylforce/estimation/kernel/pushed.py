@@ -15,7 +15,7 @@ from math import atan2, sqrt
 
 from cylforce.estimation.kernel.restricted import Count, Number, Numbers, inner
 from cylforce.estimation.kernel.solver import KernelSolver, backward, factor, forward, invert
-from cylforce.estimation.kernel.weighed import loaded, quadratic
+from cylforce.estimation.kernel.weighed import columns_of_load, quadratic
 
 # Places in a published force.
 SHOWN_X: Count = 0
@@ -88,7 +88,7 @@ def learned_at(s: KernelSolver) -> Count:
     return s.r * s.r + s.c
 
 
-def push(
+def tool_force(
     s: KernelSolver,
     rows: Numbers,
     usable: Numbers,
@@ -106,9 +106,9 @@ def push(
     load in the bucket, which acts along -z; `load` is not subtracted. `load` only gives its share of the delayed torque
     of inertia.
 
-    The covariance contains errors of the tares, of the delayed torque of inertia, of dry friction while a cylinder
-    reverses, the learned variance, and errors of signals. While cylinders reverse, their friction may have either sign:
-    the amplitudes of all cylinders add up, the worst case.
+    The covariance contains errors of the tares (identified parameters), of the delayed torque of inertia, of dry
+    friction while a cylinder reverses, the learned variance, and errors of signals. While cylinders reverse, their
+    friction may have either sign: the amplitudes of all cylinders add up, the worst case.
 
     signals:        H, number of signals with a probable error
 
@@ -137,7 +137,7 @@ def push(
     copy_tare_columns(s, rows, columns)
     subtract_tares(s, rows, columns, drift, force)
     load_columns = s.work
-    loaded(s, s.tare_columns, s.p, load_columns)
+    columns_of_load(s, s.tare_columns, s.p, load_columns)
     for i in range(4 * s.r):
         force[load_columns_at(s) + i] = load_columns[i]
     delay_inertia(s, rows, change, load, noise_before, noise)
@@ -151,7 +151,7 @@ def push(
             amplitude += noise[reversing_at(s) + c] * s.dry[c] * abs(rows[levers + c * s.r + r])
         force[friction_at(s) + r] = amplitude * amplitude
     torque_covariance(s, force, noise)
-    solve(s, rows, columns, usable, force)
+    solve_force(s, rows, columns, usable, force)
     explain_by_weight(s, force)
     add_signal_errors(s, signal_torques, signals, force)
 
@@ -202,6 +202,8 @@ def add_signal_errors(s: KernelSolver, signal_torques: Numbers, signals: Count, 
 def subtract_tares(s: KernelSolver, rows: Numbers, columns: Count, drift: Numbers, force: Numbers) -> None:
     """Compute the residual torque of the instant: scale (torque - W tares - W_D drift).
 
+    W tares is the torque of the empty machine with its identified parameters, W_D drift that of their changes since.
+
     columns: place in `rows` of the columns of the instant
 
     Read:
@@ -224,7 +226,7 @@ def subtract_tares(s: KernelSolver, rows: Numbers, columns: Count, drift: Number
 
 @inner
 def copy_tare_columns(s: KernelSolver, rows: Numbers, columns: Count) -> None:
-    """Copy the columns of the tares, and list those that are not zero.
+    """Copy the columns of the tares (identified parameters), and list those that are not zero, to save time.
 
     columns: place in `rows` of the columns
 
@@ -288,7 +290,7 @@ def torque_covariance(s: KernelSolver, force: Numbers, noise: Numbers) -> None:
     Read:
     force: (`layout.ForceLayout`) residual torque (R,) [N m], variance of friction of unknown sign (R,) [N^2 m^2]
     noise: covariance of the delayed torque of inertia (R, R), reversing (C,), learned variance (R,) [N^2 m^2]
-    `s.tare_columns` of the instant
+    `s.tare_columns` (R, P), torques per unit of each of P tares (identified parameters), with covariance `s.covariance`
 
     Written: the lower triangle (R, R) of `s.matrix` [N^2 m^2]
     """
@@ -303,7 +305,7 @@ def torque_covariance(s: KernelSolver, force: Numbers, noise: Numbers) -> None:
 
 @inner
 def tare_covariance(s: KernelSolver, r: Count, q: Count) -> Number:
-    """Return w_r' C w_q [N^2 m^2], the covariance of the torques of rows r and q by errors of the tares.
+    """Return w_r' C w_q [N^2 m^2], the covariance of the torques of rows r and q by errors of the parameters (tares).
 
     Read: w_r and w_q in `s.tare_columns` (R, P), with their places `s.nonzero` that are not zero; C, `s.covariance`
     """
@@ -319,7 +321,7 @@ def tare_covariance(s: KernelSolver, r: Count, q: Count) -> Number:
 
 
 @inner
-def solve(s: KernelSolver, rows: Numbers, columns: Count, usable: Numbers, force: Numbers) -> None:
+def solve_force(s: KernelSolver, rows: Numbers, columns: Count, usable: Numbers, force: Numbers) -> None:
     """Compute the force at the tool by weighted least squares with its prior, from the usable rows.
 
     With L L' the covariance of the torques and A (R, T) the columns of the tool, (A' (L L')^-1 A + prior)^-1 is the
@@ -410,7 +412,7 @@ def subtract_load(s: KernelSolver, force: Numbers, load: Numbers, load_covarianc
             soil[2 + 2 * i + j] = total
 
 
-def show(
+def published_forces(
     s: KernelSolver,
     force: Numbers,
     load: Numbers,
@@ -429,7 +431,7 @@ def show(
     clear:             ratio of a force's size to its standard error across, above which its direction is certain
 
     Read:
-    force:             result of `push` (`layout.ForceLayout`)
+    force:             result of `tool_force` (`layout.ForceLayout`)
     load:              (4,) m, m x, m z, J in the bucket [kg, kg m, kg m, kg m^2]
     load_covariance:   (4, 4) of the load
 
@@ -482,14 +484,15 @@ def publish(
     shown[SHOWN_LARGEST] = size
 
 
-def learn(s: KernelSolver, force: Numbers, good: Numbers, load: Numbers, noise: Numbers) -> None:
+def learn_noise(s: KernelSolver, force: Numbers, good: Numbers, load: Numbers, noise: Numbers) -> None:
     """Update the learned variances of the rows after an instant in the air, where the load explains the whole torque.
 
     v <- v (1 + (e - 1) / learning), with e the squared residual over its variance, at most `s.largest`. The variance
-    is at least that of the tares' fit.
+    is at least that with which the identified machine was fitted (`s.row_error` squared).
 
     Read:
-    force: result of `push` (`layout.ForceLayout`): residual torque (R,), variance of friction (R,), columns of the load
+    force: result of `tool_force` (`layout.ForceLayout`): residual torque (R,), variance of friction (R,), columns of
+           the load
     good:  (R,) 1 for the rows to learn from, else 0
     load:  (4,) m, m x, m z, J in the bucket [kg, kg m, kg m, kg m^2]
 
@@ -508,7 +511,7 @@ def learn(s: KernelSolver, force: Numbers, good: Numbers, load: Numbers, noise: 
         noise[learned_at(s) + r] = max(variance, s.row_error[r] * s.row_error[r])
 
 
-def fill(covariance: Numbers, full: Numbers, share: Number, result: Numbers) -> None:
+def widen_load(covariance: Numbers, full: Numbers, share: Number, result: Numbers) -> None:
     """Compute the covariance of a load in a bucket that may have gained a part of a full one: C + (share full)(share
     full)'.
 

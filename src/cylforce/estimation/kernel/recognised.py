@@ -4,16 +4,23 @@ of each signal (`service.plausibility.blocks` and `undetected`). Also the motion
 
 Sizes: R rows (measured torques), K columns of all effects, P tares, D drifting frictions and pressure zeros, H signals
 whose errors are examined. A load is (m, m x, m z, J): mass [kg], first moments [kg m] and inertia [kg m^2] about the
-last pin. A residual is the result of `weighed.explain`."""
+last pin. A residual is the result of `weighed.residual_torque`."""
 
 from math import cos, sin, sqrt
 
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.pushed import copy_tare_columns
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
-from cylforce.estimation.kernel.rows import slips
+from cylforce.estimation.kernel.rows import angle_error_torques
 from cylforce.estimation.kernel.solver import KernelSolver, invert
-from cylforce.estimation.kernel.weighed import add, explain, loaded, quadratic, together, without_load
+from cylforce.estimation.kernel.weighed import (
+    add,
+    add_load,
+    columns_of_load,
+    quadratic,
+    residual_torque,
+    unexplained_torque,
+)
 
 OF_LOAD: Count = 4  # parameters of a load
 
@@ -34,7 +41,7 @@ def gather(
     A row (measured torque) is added if it is usable and in motion: friction at rest would dominate its error. Its
     equation has G = 4 + D + H + 1 numbers: coefficients of the load (4,), of the changes of frictions and pressure
     zeros (D,), of the errors of signals (H,), and the residual torque. All are over the row's standard error, of which
-    the errors of the tares are a part.
+    the errors of the tares (identified parameters) are a part.
 
     signals:       H, number of signals
     memory:        consecutive samples that count as one independent sample
@@ -59,7 +66,7 @@ def gather(
     changes, errors, size = OF_LOAD, OF_LOAD + s.d, OF_LOAD + s.d + signals + 1
     load_columns, equation = s.short_work, s.work
     copy_tare_columns(s, rows, 0)
-    loaded(s, s.tare_columns, s.p, load_columns)
+    columns_of_load(s, s.tare_columns, s.p, load_columns)
     for r in range(s.r):
         variance, rest_variance = residual[variances + r], residual[rest_variances + r]
         if usable[r] != 0.0 and rest_variance < variance:
@@ -144,7 +151,7 @@ def gather_block(
     error_torques:    (R, H) residual torque per unit of each signal's error [N m]
 
     Written, room for intermediate results:
-    residual:         (3 + D, R) result of `weighed.explain`
+    residual:         (3 + D, R) result of `weighed.residual_torque`
     change:           (D,) daily change of frictions and zeros, the unit of their coefficients (`daily_change`)
     friction_drift:   (D,) the drift with 0 for the zeros
 
@@ -154,11 +161,11 @@ def gather_block(
     daily_change(s, drift_covariance, stroke_errors, frictions, unknown, change)
     for i in range(s.d):
         friction_drift[i] = drift[i] if i < frictions else 0.0
-    explain(s, rows, friction_drift, residual)
+    residual_torque(s, rows, friction_drift, residual)
     return gather(s, rows, residual, usable, change, error_torques, signals, memory, gram)
 
 
-def error_torques(
+def torque_per_error(
     p: KernelPlan,
     s: KernelSolver,
     rows: Numbers,
@@ -174,7 +181,7 @@ def error_torques(
     angle_torques: Numbers,
     torques: Numbers,
 ) -> None:
-    """Compute the residual torque by a unit error of each signal: the sensitivity (R, H) to misleading readings.
+    """Compute the residual torque (R, H) that one unit of error of each of H signals causes.
 
     The H = `forces` + `angles` signals are cylinder forces, with a unit of one bar on the head side, then joint angles,
     with a unit of one radian. The sensitivity to an angle is the finite difference of lever and gravity.
@@ -192,14 +199,14 @@ def error_torques(
     joints:        (angles,) numbers of the joints
 
     Written, room for intermediate results:
-    values:        (P,) tares with the load added
+    values:        (P,) identified parameters (tares) with the load added
     angle_torques: (R, angles) torque per error of an angle, without the scale [N m/rad]
 
     Written:
     torques:       (R, H) scale times the torque per error [N m/bar, N m/rad]
     """
-    together(s, load, 0, values)
-    slips(p, channels, values, joints, angles, step, angle_torques)
+    add_load(s, load, 0, values)
+    angle_error_torques(p, channels, values, joints, angles, step, angle_torques)
     size = forces + angles
     for r in range(s.r):
         for i in range(forces):
@@ -293,7 +300,7 @@ def mass_slopes(
         slopes[h] = total
 
 
-def rock(
+def rocking_variance(
     p: KernelPlan,
     s: KernelSolver,
     rows: Numbers,
@@ -311,7 +318,7 @@ def rock(
     variances: Numbers,
     base_variance: Numbers,
 ) -> None:
-    """Compute the variance that a rocking base adds to each row (measured torque).
+    """Compute the variance that a rocking or braking base adds to each row (measured torque), and estimate its motion.
 
     The first pin's accelerations forwards and upwards are unknown; each has a variance. If `learning`, an estimate of
     an acceleration is made from the torque that the load of a lift does not explain, and its variance moves by a
@@ -331,7 +338,7 @@ def rock(
 
     Written, room for intermediate results:
     unexplained:    (R,) residual torque less that of the load [N m]
-    values:         (P,) tares with the load added
+    values:         (P,) identified parameters (tares) with the load added
     levers:         (R, 2) torque per acceleration forwards and upwards [kg m]
 
     Read and written:
@@ -340,7 +347,7 @@ def rock(
     Written:
     base_variance:  (R,) variance added to each row [N^2 m^2]
     """
-    without_load(s, rows, residual, lift, unexplained, values)
+    unexplained_torque(s, rows, residual, lift, unexplained, values)
     pin_levers(p, channels, values, levers)
     if learning:
         accelerate(s, residual, tilt_variance, share, largest_misfit, prior, unexplained, levers, variances)
@@ -388,7 +395,7 @@ def accelerate(
     levers: Numbers,
     variances: Numbers,
 ) -> None:
-    """Update the variances of the first pin's accelerations with one instant.
+    """Update the variances of the base's accelerations, forwards and upwards at the first pin, with one instant.
 
     The accelerations (a, b) that best explain the torque are the weighted least squares of two unknowns, with a prior
     at zero. Each variance moves by a `share` towards the square of its acceleration, less the variance of this

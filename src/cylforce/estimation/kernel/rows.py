@@ -17,7 +17,7 @@ The first functions below give the places of these parts, and of those of the ro
 
 from math import cos
 
-from cylforce.estimation.kernel.bodies import set_links, stretch
+from cylforce.estimation.kernel.bodies import move_cylinder, set_links
 from cylforce.estimation.kernel.columns import columns
 from cylforce.estimation.kernel.plan import KernelPlan
 from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers, inner
@@ -149,17 +149,17 @@ def advance(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbe
     new:   state of the filters after the step; zero before
     out:   rows of the step (`layout.RowLayout`); zero before
     """
-    smooth(p, old, here, new)
+    smooth_channels(p, old, here, new)
     columns(p)
     weighing_rows(p, old, new, out, first)
-    wait(p, old, new, out)
+    count_waiting(p, old, new, out)
     instant_forces(p, old, here, new, out, first)
     instant_columns(p, old, new, out, first)
-    tool(p, out)
+    tool_motion(p, out)
 
 
 @inner
-def smooth(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers) -> None:
+def smooth_channels(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers) -> None:
     """Filter the channels by a low-pass of second order, and compute mean and slope of its last four outputs.
 
     The mean is (y0 + 3 y1 + 3 y2 + y3) / 8, the slope (y3 - y0) / (3 dt), y0 the oldest (`filters.mean`, `slope`).
@@ -209,9 +209,9 @@ def weighing_rows(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first
     if first:
         size = p.r * p.k
         for i in range(p.used_size):
-            begin(p, old, state_columns(p) + p.used[i], size, p.static[p.used[i]], p.momentum[p.used[i]])
+            begin_low_pass(p, old, state_columns(p) + p.used[i], size, p.static[p.used[i]], p.momentum[p.used[i]])
         for r in range(p.r):
-            begin(p, old, state_torques(p) + r, p.r, p.torque[r], 0.0)
+            begin_low_pass(p, old, state_torques(p) + r, p.r, p.torque[r], 0.0)
     low_passes(p, old, new, out)
     b0, b1, b2, b3, a1, a2, a3 = p.mean[0], p.mean[1], p.mean[2], p.mean[3], p.mean[4], p.mean[5], p.mean[6]
     for r in range(p.r):
@@ -224,7 +224,7 @@ def weighing_rows(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first
 
 
 @inner
-def begin(p: KernelPlan, old: Numbers, state: Count, stride: Count, static: Number, momentum: Number) -> None:
+def begin_low_pass(p: KernelPlan, old: Numbers, state: Count, stride: Count, static: Number, momentum: Number) -> None:
     """Set the state of a low-pass of third order before its first sample.
 
     The filter of the momentum is then settled at its first input, that of the static part is at zero
@@ -271,7 +271,7 @@ def low_passes(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
 
 
 @inner
-def wait(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
+def count_waiting(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> None:
     """Count the steps for which each row is not used yet, and store the cylinders' speed.
 
     A row waits for `p.waits` steps after a cylinder that acts on it could not be used (dead point, end stop), because
@@ -376,7 +376,7 @@ def instant_columns(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, fir
         out[change + place] = (rate - old[state + 2 * size]) / dt
 
 
-def slips(
+def angle_error_torques(
     p: KernelPlan, channels: Numbers, values: Numbers, joints: Counts, size: Count, step: Number, torques: Numbers
 ) -> None:
     """Compute the error of the residual torque of a machine at rest by a reading of a joint's angle that is too large.
@@ -402,7 +402,7 @@ def slips(
             p.rate[j] = 0.0
         set_links(p, channels[p.d - 3], 0.0)
         for c in range(p.c):
-            stretch(p, c)
+            move_cylinder(p, c)
         gravity = 0.0  # of the links from j outwards
         for j in range(p.n - 1, -1, -1):
             own = values[3 * j + 1] * p.level[2 * j] - values[3 * j + 2] * p.level[2 * j + 1]
@@ -417,7 +417,7 @@ def slips(
                     torques[p.row[j] * size + s - 1] = (residual - p.torque[p.row[j]]) / step
 
 
-def moves(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, found: Numbers) -> None:
+def moving_signals(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, found: Numbers) -> None:
     """Compute which signals should change, because the cylinder that changes them moves.
 
     size:    C, number of cylinders
@@ -443,7 +443,7 @@ def moves(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count
 
 
 @inner
-def tool(p: KernelPlan, out: Numbers) -> None:
+def tool_motion(p: KernelPlan, out: Numbers) -> None:
     """Compute place and velocity of the tool relative to the first pin, in true horizontal and vertical.
 
     Read: `p.level` (N, 2) cosine and sine of each link's angle from the true horizontal, `p.qd` (N,) its rate [rad/s],

@@ -106,14 +106,16 @@ class KernelSolver:
     arrays: object
 
     def __init__(self, sizes: Sequence[int], limits: Sequence[float], counts: list[Any], numbers: list[Any]) -> None:
-        """Set the constants from lists in the order in which `solving.solver` makes them.
+        """Set the constants of identified parameters, and room for intermediate results, from lists.
 
-        sizes:   r, k, p, c, d, t, at_rest, tip, coulomb
-        limits:  scale, scale_error, relative, gate, break_away, cold, drifted, memory, longest_rest, keep, delay_s,
-                 largest, learning, heaviest
-        counts:  arrays of integers: changing, load_at, sparse_at, nonzero, nonzeros
-        numbers: arrays of numbers: load, values, covariance, row_error, dry, prior, short_work, tare_columns, matrix,
-                 work, sparse_x, by_load
+        sizes:   numbers of measured torques (r), columns (k), tares (p), cylinders (c), drifts (d) and unknowns at the
+                 tool (t); first columns of friction at rest, of the tool and of Coulomb friction
+        limits:  factor on the residual torque, its standard error, model error as a share of the torque; limits of the
+                 weighing (gate to longest_rest) and of the force (keep to heaviest), as in `solving.Limits`
+        counts:  arrays of integers: columns of the drift, places of a load among the tares, and three arrays of room
+        numbers: arrays of numbers: shares of a load in the tares, tares, their covariance, errors of the rows [N m],
+                 Coulomb frictions [N], prior information on the force; four arrays of room; room for a sparse vector;
+                 share of each cylinder's force by which its friction increases
         """
         self.arrays = (counts, numbers)
         self.r, self.k, self.p, self.c, self.d, self.t, self.at_rest, self.tip = (sizes[i] for i in range(8))

@@ -59,8 +59,11 @@ def solver(
     limits: Limits = NO_LIMITS,
     prior: Array | None = None,
 ) -> KernelSolver:
-    """Return the kernel's solver of a model with its tares.
+    """Return the constants of a model and its identified parameters, in the form in which the kernel takes them.
 
+    With them the kernel computes the residual torque, the load and the force at the tool.
+
+    tares:  identified parameters of the empty machine
     kernel: form of the kernel, compiled or interpreted
     limits: of the service
     prior:  (T, T) prior information on the force x, z [1/N^2] and moment [1/(N m)^2] at the tool; T = 3, or 2 without
@@ -111,7 +114,9 @@ def listed(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def plain(values: Any) -> Any:  # noqa: ANN401 - an argument of the kernel
-    """Return a NumPy array as a list, a list of the kernel's arrays as lists, and any other argument as it is."""
+    """Return an argument of the kernel for its interpreted form: arrays as lists, which the interpreter reads faster.
+
+    A NumPy array becomes a list, a list of the kernel's arrays a list of lists; any other argument stays as it is."""
     if isinstance(values, np.ndarray):
         return values.ravel().tolist()
     return [each.tolist() for each in values] if isinstance(values, list) else values

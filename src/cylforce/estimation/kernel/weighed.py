@@ -26,10 +26,11 @@ DRIFT_MOMENT: Count = 6
 SENSITIVITY: Count = 7
 
 
-def explain(s: KernelSolver, rows: Numbers, drift: Numbers, residual: Numbers) -> None:
+def residual_torque(s: KernelSolver, rows: Numbers, drift: Numbers, residual: Numbers) -> None:
     """Compute the residual torque of R measured torques at one instant: scale (torque - W tares - W_D drift).
 
-    Of a cylinder at rest the direction of the dry friction is unknown: its whole torque is an error.
+    W tares is the torque of the empty machine with its identified parameters, W_D drift that of their changes since. Of
+    a cylinder at rest the direction of the dry friction is unknown: its whole torque is an error.
 
     Read:
     rows:     (R, K) columns W, of which the first P are those of the tares; then (R,) measured torques [N m]
@@ -86,10 +87,10 @@ def quadratic(s: KernelSolver, matrix: Numbers, matrix_at: Count, size: Count, x
 
 
 @inner
-def loaded(s: KernelSolver, columns: Numbers, size: Count, load_columns: Numbers) -> None:
-    """Compute the torque (R, 4) of R rows per unit of a load (m, m x, m z, J).
+def columns_of_load(s: KernelSolver, columns: Numbers, size: Count, load_columns: Numbers) -> None:
+    """Compute the torque (R, 4) of R measured joints per unit of a load (m, m x, m z, J about the last pin).
 
-    A load adds to some of the P tares, so that its columns are sums of theirs.
+    A load adds to some of the P identified parameters (tares), so that its columns are sums of theirs.
 
     Read:
     columns:      (R, size) columns, of which the first P are those of the tares
@@ -107,7 +108,7 @@ def loaded(s: KernelSolver, columns: Numbers, size: Count, load_columns: Numbers
 
 @inner
 def load_at_drift(s: KernelSolver, lift: Numbers, drift: Numbers, load: Numbers) -> None:
-    """Compute the load of a lift for the present drift: b = values - C G drift.
+    """Compute the load of a lift, corrected by the present drift of friction and zeros: b = values - C G drift.
 
     The state of a lift holds the estimate for zero drift, its covariance C (4, 4), and in the last D columns of its
     gram the G (4, D) of the drift: the drift may change during a lift.
@@ -154,8 +155,8 @@ def gate(
 
     Read:
     rows:             (R, K) columns; then (R,) measured torques [N m]
-    residual:         of the instant (`explain`): (R,) torque [N m], (R,) variance, (R,) variance of friction at rest
-                      [N^2 m^2], (R, D) columns of the drift
+    residual:         of the instant (`residual_torque`): (R,) torque [N m], (R,) variance, (R,) variance of friction at
+                      rest [N^2 m^2], (R, D) columns of the drift
     base_variance:    (R,) variance by a rocking base, added to that of each row [N^2 m^2]
     usable:           (R,) 1 where a row can be used, else 0
     rested:           (R,) steps for which each row has been at rest, less those in motion since
@@ -169,7 +170,7 @@ def gate(
                       `rested` after this instant (R,)
     """
     load = s.short_work
-    loaded(s, rows, s.k, work)
+    columns_of_load(s, rows, s.k, work)
     load_at_drift(s, lift, drift, load)
     total, number, moving = 0.0, 0, 0
     for r in range(s.r):
@@ -210,7 +211,7 @@ def take(
 
     Read:
     rows:     (R, K) columns; then (R,) measured torques [N m]
-    residual: of the instant (`explain`), of which only the columns (R, D) of the drift are used
+    residual: of the instant (`residual_torque`), of which only the columns (R, D) of the drift are used
     work:     results of `gate` (`GateLayout`): columns of the load (R, 4), torque before the drift is subtracted (R,)
               [N m], its variance (R,) [N^2 m^2], 1 where a row is to be taken (R,)
 
@@ -251,8 +252,8 @@ def weigh_load(
 
     Read:
     rows:             (R, K) columns; then (R,) measured torques [N m]
-    residual:         of the instant (`explain`): (R,) torque [N m], (R,) variance, (R,) variance of friction at rest
-                      [N^2 m^2], (R, D) columns of the drift
+    residual:         of the instant (`residual_torque`): (R,) torque [N m], (R,) variance, (R,) variance of friction at
+                      rest [N^2 m^2], (R, D) columns of the drift
     base_variance:    (R,) variance by a rocking base, added to that of each row [N^2 m^2]
     usable:           (R,) 1 where a row can be used, else 0
     rested:           (R,) steps for which each row has been at rest, less those in motion since
@@ -273,7 +274,7 @@ def weigh_load(
     return fits
 
 
-def without_load(
+def unexplained_torque(
     s: KernelSolver, rows: Numbers, residual: Numbers, lift: Numbers, unexplained: Numbers, values: Numbers
 ) -> None:
     """Compute the torque of an instant that the load of a lift does not explain either, and the parameters of machine
@@ -281,7 +282,7 @@ def without_load(
 
     Read:
     rows:        (R, K) columns; then (R,) measured torques [N m]
-    residual:    of the instant (`explain`), of which only the (R,) torque [N m] is used
+    residual:    of the instant (`residual_torque`), of which only the (R,) torque [N m] is used
     lift:        state of the lift (`LiftLayout`), of which the load (4,) is used
 
     Written:
@@ -289,18 +290,18 @@ def without_load(
     values:      (P,) tares with the load added
     """
     load_columns = s.work
-    loaded(s, rows, s.k, load_columns)
+    columns_of_load(s, rows, s.k, load_columns)
     for r in range(s.r):
         total = 0.0
         for i in range(4):
             total += load_columns[4 * r + i] * lift[VALUES + i]
         unexplained[r] = residual[r] - total
-    together(s, lift, VALUES, values)
+    add_load(s, lift, VALUES, values)
 
 
 @inner
-def together(s: KernelSolver, load: Numbers, load_place: Count, values: Numbers) -> None:
-    """Compute the parameters (P,) of machine and load together: the tares plus those of the load.
+def add_load(s: KernelSolver, load: Numbers, load_place: Count, values: Numbers) -> None:
+    """Compute the parameters (P,) of machine and load together: the identified ones (tares) plus those of the load.
 
     Read:
     load:   contains the load (m, m x, m z, J) from `load_place` on [kg, kg m, kg m, kg m^2]
@@ -384,9 +385,10 @@ def solve_triangle(s: KernelSolver, lift: Numbers) -> None:
 
 @inner
 def sensitivity(lift: Numbers, component: Count, size: Count, first: Count, slopes: Numbers, slopes_at: Count) -> None:
-    """Compute how the estimate of one component of the load changes with tares and drift: C gram.
+    """Compute how the estimate of one component of the load depends on tares and drift: C gram.
 
-    The estimate changes by minus this number per unit of each parameter.
+    The tares are the identified parameters, the drift is their change since. The estimate changes by minus this number
+    per unit of each of them.
 
     component: of the load, 0 to 3
     size:      P + D, number of columns of the gram

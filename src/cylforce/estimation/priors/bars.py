@@ -41,7 +41,11 @@ def guess(cylinder: Cylinder, linkage: FourBar) -> Guess:
     """Return the prior of the first moment [kg m] of a four-bar's rocker about its pin, positive towards its end.
 
     The rocker is a steel bar. Half of the connecting link acts at its end, half of the piston rod at the cylinder's
-    eye. A rocker with the eye on the other side of its pin is a second bar. The relative standard error is ERROR."""
+    eye. A rocker with the eye on the other side of its pin is a second bar. The relative standard error is ERROR.
+
+    cylinder: with the areas of its sides [m^2] and its shortest length [m]
+    linkage:  lengths of rocker and connecting link [m]; place of the eye in units of the rocker, along it (real part)
+    """
     rocker, eye, section = linkage.rocker_length, linkage.eye, STEEL * BAR**2  # section: kg per metre of a bar
     rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low  # kg; area_rod: of the annulus
     far = section * (rocker / 2.0 + linkage.link_length / 2.0) * rocker
@@ -68,7 +72,7 @@ def of_bars(machine: Machine) -> tuple[Effect, ...]:
 
 
 def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
-    """Return the prior with the bars' own priors in place of zero weight.
+    """Return the prior of a machine's parameters with the bars' own weights in place of zero.
 
     The part of the bars that the data sheet's links contain is subtracted from the links' first moments. The sum of
     both keeps its uncertainty.

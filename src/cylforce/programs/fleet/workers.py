@@ -68,7 +68,7 @@ def computed(
     from distributed.client import ClosedClientError
     from distributed.comm.core import CommClosedError
 
-    with _client(where, say) as client:
+    with cluster_client(where, say) as client:
         try:
             _distributed(client, function, jobs, common, take, where.ahead)
         except (CancelledError, ClosedClientError, CommClosedError) as error:
@@ -129,7 +129,12 @@ def _outcome(future: Any) -> Any:  # noqa: ANN401 - Dask has no types
 
 
 @contextmanager
-def _client(where: Where, say: Say) -> Iterator[Any]:
+def cluster_client(where: Where, say: Say) -> Iterator[Any]:
+    """Connect to a Dask scheduler, or start workers on this computer, and end them at the end of the block.
+
+    where: address of the scheduler, or number of workers here
+    say:   is called with a sentence about the workers
+    """
     import dask
     from distributed import Client, LocalCluster
 
@@ -146,7 +151,7 @@ def _client(where: Where, say: Say) -> Iterator[Any]:
             cure = f"--scheduler {where.scheduler}: cannot be reached (start it, or check the address)"
             client = within(where.connect_s + 5.0, lambda: Client(where.scheduler, timeout=where.connect_s), cure)
             with client:
-                _check_version(client)
+                check_version(client)
                 say(f"scheduler {where.scheduler}, {len(client.nthreads())} workers; dashboard {client.dashboard_link}")
                 yield client
             return
@@ -157,7 +162,7 @@ def _client(where: Where, say: Say) -> Iterator[Any]:
             yield client
 
 
-def _check_version(client: Any) -> None:  # noqa: ANN401 - Dask has no types
+def check_version(client: Any) -> None:  # noqa: ANN401 - Dask has no types
     """Check that all workers have the caller's program: results must not depend on the worker. Raises
     RecordingError.
     """

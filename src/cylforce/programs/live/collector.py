@@ -18,7 +18,7 @@ from cylforce.service import commands
 from cylforce.service.assembler import assembler
 from cylforce.service.commands import Answer
 from cylforce.service.loading.truck import NOT_NOW
-from cylforce.service.samples import is_whole, skipped
+from cylforce.service.samples import is_whole, missing_rows
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array, Reason, Sample
 from cylforce.signals.events import Frame
@@ -83,7 +83,7 @@ class Taker:
         if self.sample is None:
             self.whole_us = self.moved_us = t_us
         else:
-            self.rows += [self._missing] * skipped(t_us - self.sample.t_us, period_us)
+            self.rows += [self._missing] * missing_rows(t_us - self.sample.t_us, period_us)
         self.sample = self._inputs.sample(t_us)
         whole = is_whole(self.sample)
         self.rows.append(self.sample.values if whole else self._missing)
@@ -92,7 +92,13 @@ class Taker:
 
 
 class Collector(Station):
-    """Station that passes samples from the bus to the guidance, in a thread so that no tick is delayed."""
+    """Station that passes samples from the bus to the guidance, in a thread so that no tick is delayed.
+
+    taker:     receiver of the samples
+    guide:     that advises which joint to move next
+    collected: last result of the guidance
+    pending:   next result, while the guidance computes it; None: it does not
+    """
 
     def __init__(self, loaded: Loaded, guide: Guide, bus: Bus, log: LogWriter | None) -> None:
         self.taker = Taker(loaded.service)
@@ -101,20 +107,20 @@ class Collector(Station):
         self.collected: Collected = guide.begin()
         self._moved_s = 0.0
         self._pool = ThreadPoolExecutor(1, "guidance")
-        self._thought: Future[Collected] | None = None
+        self.pending: Future[Collected] | None = None
 
     def think(self) -> None:
         """Take the guidance's last result and pass it the samples since then. Raises the guidance's errors."""
-        if self._thought is not None:
-            if not self._thought.done():
+        if self.pending is not None:
+            if not self.pending.done():
                 return
-            self.collected, self._thought = self._thought.result(), None
+            self.collected, self.pending = self.pending.result(), None
         if self.collected.moved_s != self._moved_s and self.taker.sample is not None:
             self._moved_s, self.taker.moved_us = self.collected.moved_s, self.taker.sample.t_us
         if len(self.taker.rows) >= THOUGHT_S * self.service.filters.rate_hz:
             rows, self.taker.rows = np.array(self.taker.rows), []
             longest = int(self.service.health.hold_s * self.service.filters.rate_hz)
-            self._thought = self._pool.submit(self.guide.absorb, self.collected, rows, longest)
+            self.pending = self._pool.submit(self.guide.absorb, self.collected, rows, longest)
 
     def view(self) -> View:
         """Return the present view."""

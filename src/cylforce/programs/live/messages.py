@@ -18,12 +18,16 @@ LAST_S = 0.5  # for lines that still wait at the end; chosen: shorter than a wat
 
 
 class Messages:
-    """A text stream of lines. What has no file behind it (a test's buffer) is written at once: it cannot block."""
+    """A text stream of lines. A stream without a file behind it (a test's buffer) is written at once: it cannot block.
+
+    dropped:  number of lines that were dropped so far, because the reader was too slow
+    reported: number of them that a message has reported
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._line = stream, ""
         self.dropped = 0
-        self._told = 0
+        self.reported = 0
         self._waiting = Queue[str](ROOM)
         self._fd = _descriptor(stream)
         if self._fd is not None:
@@ -53,9 +57,9 @@ class Messages:
                 self._stream.write(line)
             return
         try:
-            if self.dropped > self._told:
+            if self.dropped > self.reported:
                 self._waiting.put_nowait(json.dumps({"event": "messages dropped", "dropped": self.dropped}) + "\n")
-                self._told = self.dropped
+                self.reported = self.dropped
             self._waiting.put_nowait(line)
         except Full:
             self.dropped += 1

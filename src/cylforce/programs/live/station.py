@@ -56,11 +56,23 @@ class Handler(Protocol):
 
 
 class Station:
-    """Service on a bus: `handler` processes the events and returns the estimates to publish. `code`: see Access."""
+    """Service on a bus: a handler processes frames and ticks, and returns the estimates to publish.
+
+    handler: receiver of frames and ticks
+    bus:     on which frames are received and sent
+    log:     of all events; None: no log
+    counts:  ticks processed, and missed
+    timer:   of the ticks
+    """
 
     def __init__(
         self, service: Service, handler: Handler, bus: Bus, log: LogWriter | None, code: int | None = None
     ) -> None:
+        """Make our node, its timer, and the commissioner of the sensors; nothing is sent before `start`.
+
+        service: settings of the machine file
+        code:    that unlocks writes to our node; None: nothing is locked
+        """
         self.handler, self._encoders = handler, Encoders(service.publication)
         self._timetable = timetable(service.publication, service.filters.rate_hz)
         self.bus, self.log = bus, log
@@ -77,7 +89,7 @@ class Station:
         heard = self.node.heartbeats.state
         self.commissioner = Commissioner(service.nodes, self.network, heard, self._commissioned)
         self.edge = Edge(service, bus, self.node, self.commissioner.begin, self._bus_fault)
-        self._timer = Timer(1.0 / service.filters.rate_hz)
+        self.timer = Timer(1.0 / service.filters.rate_hz)
         self.manager = Manager({})
 
     @property
@@ -97,21 +109,21 @@ class Station:
         """Join the bus and begin to step; the sensors are commissioned in parallel."""
         self.network.poll(now_us())
         self.edge.filter(frozenset(self.network.subscribers))
-        self.bus.attach(loop, self.on_frame, self._on_sent)
+        self.bus.attach(loop, self.on_frame, self.on_sent)
         self.node.boot()
         self.commissioner.start()
-        loop.add_reader(self._timer.fileno(), self.on_timer)
+        loop.add_reader(self.timer.fileno(), self.on_timer)
 
     def give_up(self, loop: asyncio.AbstractEventLoop) -> None:
         """End the steps after an error in one, and send an emergency."""
-        loop.remove_reader(self._timer.fileno())
+        loop.remove_reader(self.timer.fileno())
         self.node.emergencies.occur(SOFTWARE)
 
     async def stop(self, loop: asyncio.AbstractEventLoop) -> None:
         """Leave the bus and complete the log."""
-        loop.remove_reader(self._timer.fileno())
+        loop.remove_reader(self.timer.fileno())
         await self.commissioner.close()
-        self._timer.close()
+        self.timer.close()
         self.bus.close()
         if self.log is not None:
             self.log.close()
@@ -145,12 +157,12 @@ class Station:
 
         Missed ticks are skipped and counted.
         """
-        due = self._timer.read()
+        due = self.timer.read()
         if due == 0:
             return
         late = due - 1
         self.counts = Counts(self.counts.steps + 1, self.counts.overruns + late)
-        tick = Tick(self._timer.deadline_us)
+        tick = Tick(self.timer.deadline_us)
         self.before_tick(tick.t_us)
         self._keep(tick)
         estimate = self.handler.on_tick(tick.t_us)
@@ -195,7 +207,8 @@ class Station:
         if self.log is not None:
             self.log.log(event)
 
-    def _on_sent(self, can_id: int, data: bytes) -> None:
+    def on_sent(self, can_id: int, data: bytes) -> None:
+        """Log a frame that was sent."""
         self._keep(Sent(now_us(), can_id, bytes(data)))
 
     def _last_verdict(self) -> int | None:

@@ -67,9 +67,11 @@ class CarriedFilter(Estimator):
         self.values, self.weighed, self.filling, self.known = ZERO * 4, self.constants.before, 0.0, False
 
     def update(self, lift: Lift | None, dt: float, *, in_contact: bool) -> None:
-        """Update the load with one instant.
+        """Update the load in the bucket with one instant: as it is weighed now, or as it was weighed last.
 
-        lift:       of the load in the bucket; None: no load is weighed
+        In contact the load stays, and the time is counted in which the bucket may fill.
+
+        lift:       present lift, which weighs the load; None: no load is weighed
         dt:         length of the instant [s]
         in_contact: whether the tool is in contact
         """
@@ -82,9 +84,11 @@ class CarriedFilter(Estimator):
 
     @property
     def covariance(self) -> Numbers:
-        """Covariance (4, 4) of the load: as weighed, widened while the bucket is in contact and may fill."""
+        """Covariance (4, 4) of the load (m, m x, m z, J about the last pin): as weighed, wider after time in contact.
+
+        In contact the bucket may fill: after FILLING_S it may contain anything up to a full load."""
         if not self.filling:
             return self.weighed
         found, c = ZERO * 16, self.constants
-        c.kernel.fill(self.weighed, c.full, min(self.filling / FILLING_S, 1.0), found)
+        c.kernel.widen_load(self.weighed, c.full, min(self.filling / FILLING_S, 1.0), found)
         return found

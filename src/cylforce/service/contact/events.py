@@ -92,7 +92,7 @@ class ContactDetector(Estimator):
         )
 
     def interrupt(self) -> None:
-        """Discard all but the events after an interruption of the measurement."""
+        """Begin without contact after an interruption of the measurement; only the events so far are kept."""
         self.in_contact, self.away, self.seconds, self.path = False, 0.0, 0.0, 0.0
         self.since_stiff, self.course = AGAIN_S, NO_COURSE
         self.forces, self.paths = ZERO * (self.constants.window + 1), ZERO * (self.constants.window + 1)
@@ -100,7 +100,7 @@ class ContactDetector(Estimator):
     def update(
         self, t_us: int, force: SolvedForce, late: tuple[float, float], place: complex, velocity: complex
     ) -> None:
-        """Update contact and events with one instant.
+        """Update whether the tool is in contact with the ground, and the events at the teeth, with one instant.
 
         The clearness of a force is f' C^-1 f of the force f (without the weight of a mass in the bucket) with
         covariance C: its squared ratio to its standard error. A contact begins with a clearness above BEGINS and a
@@ -166,7 +166,11 @@ class ContactDetector(Estimator):
         self._note(EventKind.STIFF_OBJECT, t_us, place, probably(rise, self.constants.jump, error))
 
     def _check_slope(self, t_us: int, place: complex) -> None:
-        """Report a change of the ground's slope."""
+        """Report a change of the slope of the ground along which the teeth are dragged.
+
+        t_us:  time [us]
+        place: of the teeth, x + i z [m]
+        """
         self.course, confidence = kink(self.course, place)
         if confidence is not None:
             self._note(EventKind.SLOPE_CHANGES, t_us, place, confidence)
@@ -178,12 +182,14 @@ class ContactDetector(Estimator):
 
 
 def clearness(force: SolvedForce, late: tuple[float, float]) -> float:
-    """Return f' (C + e e')^-1 f of the force f less the weight in the bucket.
+    """Return how clearly a force at the tool differs from none: its squared ratio to its standard error.
 
-    A sharp start of the arm resembles a force until the delayed torque of inertia follows. A force that changes quickly
-    is therefore uncertain by e.
+    It is f' (C + e e')^-1 f of the force f less the weight in the bucket, with covariance C. A sharp start of the arm
+    resembles a force until the delayed torque of inertia follows. A force that changes quickly is therefore uncertain
+    by e.
 
-    late: e, error (x, z) of the force by its latency [N]
+    force: at the tool [N], with its covariance [N^2] and the weight [N] of the mass in the bucket
+    late:  e, error (x, z) of the force by its latency [N]
     """
     x, z, (late_x, late_z) = force.x, force.z + force.weight, late
     xx, xz, zz = force.xx + late_x * late_x, force.xz + late_x * late_z, force.zz + late_z * late_z
@@ -191,5 +197,10 @@ def clearness(force: SolvedForce, late: tuple[float, float]) -> float:
 
 
 def probably(value: float, limit: float, error: float) -> float:
-    """Return the probability that the true value exceeds half the limit, for a normally distributed `error`."""
+    """Return the probability that the true value exceeds half the limit, for a normally distributed error.
+
+    value: measured
+    limit: that the value had to exceed, in the same unit
+    error: standard error of the value, in the same unit
+    """
     return 0.5 * (1.0 + erf((value - limit / 2.0) / (sqrt(2.0) * max(error, 1e-9))))

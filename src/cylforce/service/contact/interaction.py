@@ -54,7 +54,7 @@ class ForceConstants(Constants):
     def __init__(
         self, model: Model, tares: Tares, rated_force: float, delay_s: float, kernel: Kernel | None = None
     ) -> None:
-        """Compute the constants.
+        """Compute the constants of force, contact and load at the tool.
 
         model:       of the machine
         tares:       identified parameters of the empty machine
@@ -92,7 +92,7 @@ class ForceEstimator(Estimator):
 
     @classmethod
     def start(cls, constants: ForceConstants) -> Self:
-        """Return the state before any sample."""
+        """Return the estimator of the forces before any sample: no load known, no contact, no error learned."""
         return cls(
             constants,
             noise=TorqueNoise.start(constants.noise),
@@ -102,7 +102,7 @@ class ForceEstimator(Estimator):
         )
 
     def interrupt(self) -> None:
-        """Discard all but learned errors and events after an interruption of the measurement."""
+        """Begin anew after an interruption of the measurement; learned errors of the torques and events are kept."""
         self.noise.interrupt()
         self.carried.forget()
         self.contact.interrupt()
@@ -111,13 +111,17 @@ class ForceEstimator(Estimator):
     def update(
         self, instant: Instant, usable: Numbers, drift: Array, lift: Lift | None, t_us: int, undetected: Array
     ) -> Forces:
-        """Return the forces of one instant.
+        """Return the forces at the tool at one instant, resultant and soil force, and update contact and its events.
 
-        usable:     (R,) 1 where a row can be used
-        drift:      (D,) adapted friction and zeros
+        While a load is weighed in the air, the errors of the torques are learned, too. Without a usable row both forces
+        are INVALID (DEAD_POINT).
+
+        instant:    filtered rows of the step
+        usable:     (R,) 1 where the row of a measured joint torque can be used, else 0
+        drift:      (D,) change of friction [N, N s/m] and pressure zeros [N] since the identification
         lift:       of the load in the bucket; None: no load is weighed
         t_us:       time [us]
-        undetected: (R, H) torques by probable errors of signals [N m]
+        undetected: (R, H) torques by the probable error of each of H signals [N m]
         """
         if not any(usable):
             self.contact.interrupt()
@@ -136,13 +140,14 @@ class ForceEstimator(Estimator):
         return forces
 
     def _forces(self, solved: SolvedForce, late: tuple[float, float]) -> Forces:
-        """Return both forces.
+        """Return both forces as they are published, each with its status: resultant and soil force.
 
         The resultant has the reason NO_CONTACT while the tool has neither contact nor a load. The soil force is the
         resultant less the load. In the air, before a load is weighed, it is the resultant less the mass that explains
         most of it.
 
-        late: error (x, z) of the forces by their latency [N]
+        solved: force that explains the residual torque of the instant, with its covariance
+        late:   error (x, z) of the forces by their latency [N]
         """
         c, carried, in_contact = self.constants, self.carried, self.contact.in_contact
         hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
@@ -152,7 +157,13 @@ class ForceEstimator(Estimator):
         return Forces(c.sensor.force(resultant, acts, late), c.sensor.force(soil, in_contact, late))
 
     def _moving(self, usable: Numbers, speed: Numbers) -> Numbers:
-        """Return for each row (R,) 1 where it is usable and a cylinder of it moves, else 0."""
+        """Return for each row (R,), one measured joint torque, 1 where it is usable and a cylinder of its joint moves.
+
+        It is 0 elsewhere. A cylinder moves above STILL [m/s].
+
+        usable: (R,) 1 where the row can be used, else 0
+        speed:  (C,) of the cylinders [m/s]
+        """
         found = usable[:]
         for row, acting in enumerate(self.constants.acting):
             if not any(abs(speed[c]) > STILL for c in acting):

@@ -10,15 +10,23 @@ from cylforce.service.snapshot import Estimator
 
 
 def wait_s(filters: Filters, period_s: float) -> float:
-    """Return the mean time [s] that a value waits.
+    """Return the mean time [s] from a change at a sensor to the value published from it, without that of the filters.
 
-    A signal waits half a step until it is measured and one step until it is used, the result until it is published."""
+    A signal waits half a step until it is measured and one step until it is used, the result until it is published.
+
+    filters:  of the machine file, of which the rate of the steps is used
+    period_s: time between two publications [s]
+    """
     step = 1.0 / filters.rate_hz
     return 1.5 * step + max(period_s - step, 0.0) / 2.0
 
 
 def force_delay_s(filters: Filters, period_s: float) -> float:
-    """Return the delay [s] from a slow change of the true force to the bus: of the Butterworth low-pass, and waits."""
+    """Return the delay [s] from a slow change of the true force to the bus: of the Butterworth low-pass, and waits.
+
+    filters:  of the machine file, with the corner of the forces' low-pass
+    period_s: time between two publications of the force [s]
+    """
     step = 1.0 / filters.rate_hz
     return wait_s(filters, period_s) + step / (sqrt(2.0) * tan(pi * filters.force_hz * step))
 
@@ -37,9 +45,10 @@ class Lateness:
         self.share = delay_s / (self.steps * dt)
 
     def error(self, recent: "RecentForces", x: float, z: float) -> tuple[float, float]:
-        """Return the error (x, z) [N] of a force by its latency: its change over the last steps times `share`.
+        """Return the error (x, z) [N] of a force by its latency: its rate of change times the delay.
 
-        It is zero before the second force.
+        The change is that over the last `steps` steps; `share` is the delay over the time of these steps. The error is
+        zero before the second force.
 
         recent: forces of the last steps, without this one
         x, z:   this force, forwards and upwards [N]
@@ -62,7 +71,7 @@ class RecentForces(Estimator):
     z: Numbers
 
     def keep(self, x: float, z: float, steps: int) -> None:
-        """Append a force [N], and drop the oldest one of more than `steps`."""
+        """Append a force, x forwards and z upwards [N], and drop the oldest one of more than `steps` forces."""
         if len(self.x) >= steps:
             del self.x[0], self.z[0]
         self.x.append(x)

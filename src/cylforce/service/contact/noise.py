@@ -62,8 +62,10 @@ class NoiseConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, rated_force: float, kernel: Kernel | None = None) -> None:
-        """Compute the constants; times in seconds become factors and numbers of steps.
+        """Compute the constants of the errors of the measured torques; times become factors and numbers of steps.
 
+        model:       of the machine
+        tares:       identified parameters of the empty machine, with the error of each row [N m]
         rated_force: largest force that can be published, the prior standard error of a force [N]
         kernel:      form of the kernel; None: the compiled one if there is one
         """
@@ -105,17 +107,22 @@ class TorqueNoise(Estimator):
         self.numbers = ZERO * size + self.numbers[size:]
 
     def solve(self, instant: Instant, usable: Numbers, load: Numbers, drift: Array, undetected: Array) -> SolvedForce:
-        """Return the force that explains the residual torque of the usable rows.
+        """Return the force at the tool [N] that explains the residual torques of the usable rows, with its covariance.
 
-        usable:     (R,) 1 where a row can be used
-        load:       (4,) in the bucket
-        drift:      (D,) values of the adapted friction and zeros
-        undetected: (R, H) torques by probable errors of signals [N m]
+        The errors of the rows are updated first: delayed torque of inertia, and friction of cylinders that reverse.
+
+        instant:    filtered rows of the step
+        usable:     (R,) 1 where the row of a measured joint torque can be used, else 0
+        load:       (4,) in the bucket: m, m x, m z, J about the last pin [kg, kg m, kg m, kg m^2]
+        drift:      (D,) change of friction [N, N s/m] and pressure zeros [N] since the identification
+        undetected: (R, H) torques by the probable error of each of H signals [N m]
         """
         c, place = self.constants, self.constants.layout
         after, found = ZERO * len(self.numbers), ZERO * place.size
         errors = undetected.shape[1]
-        c.kernel.push(c.solver, instant.numbers, usable, load, drift, undetected, errors, self.numbers, after, found)
+        c.kernel.tool_force(
+            c.solver, instant.numbers, usable, load, drift, undetected, errors, self.numbers, after, found
+        )
         self.numbers = after
         return SolvedForce(
             found[place.x],
@@ -129,19 +136,24 @@ class TorqueNoise(Estimator):
         )
 
     def learn(self, solved: SolvedForce, load: Numbers, good: Numbers) -> None:
-        """Update the learned variances in the air.
+        """Update the learned variances of the rows [N^2 m^2] in the air, where the load explains the whole torque.
 
-        load: (4,) in the bucket
-        good: (R,) 1 for the rows to learn from
+        solved: force of this instant
+        load:   (4,) in the bucket: m, m x, m z, J about the last pin [kg, kg m, kg m, kg m^2]
+        good:   (R,) 1 for the rows to learn from, else 0
         """
-        self.constants.kernel.learn(self.constants.solver, solved.numbers, good, load, self.numbers)
+        self.constants.kernel.learn_noise(self.constants.solver, solved.numbers, good, load, self.numbers)
 
     def show(
         self, solved: SolvedForce, load: Numbers, covariance: Numbers, late: tuple[float, float], *, loaded: bool
     ) -> tuple[Numbers, Numbers]:
-        """Return the published numbers (SHOWN,) of the resultant, and of the soil force (`pushed.publish`).
+        """Return the published numbers (SHOWN,) of the resultant and of the soil force (`pushed.publish`).
 
-        load:       (4,) in the bucket
+        They are components, magnitude [N] and direction [rad] with their standard errors. The error by latency is
+        added to the covariance of both forces.
+
+        solved:     force that explains the residual torque of the instant
+        load:       (4,) in the bucket: m, m x, m z, J about the last pin [kg, kg m, kg m, kg m^2]
         covariance: (4, 4) of the load
         late:       error (x, z) of both forces by their latency [N]
         loaded:     whether the soil force is the resultant less this load; else less the mass that explains most of it
@@ -152,5 +164,5 @@ class TorqueNoise(Estimator):
         numbers[place.wider_xz] += late_x * late_z
         numbers[place.wider_zz] += late_z * late_z
         resultant, soil = ZERO * SHOWN, ZERO * SHOWN
-        c.kernel.show(c.solver, numbers, load, covariance, loaded, CLEAR, resultant, soil)
+        c.kernel.published_forces(c.solver, numbers, load, covariance, loaded, CLEAR, resultant, soil)
         return resultant, soil

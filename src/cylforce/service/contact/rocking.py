@@ -41,11 +41,13 @@ class BaseConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
-        """Compute the constants; times in seconds become numbers of steps.
+        """Compute the constants for estimating the acceleration of a rocking base; times become numbers of steps.
 
         The second difference of three mean pitches has 1 + 4 + 1 = 6 times the variance of one of them, which is that
         of the sensor over the number of steps.
 
+        model:  of the machine
+        tares:  identified parameters of the empty machine
         kernel: form of the kernel; None: the compiled one if there is one
         """
         self.inertial, self.kernel, rate_hz = model.channels.inertial, kernel or choice.chosen(), model.filters.rate_hz
@@ -92,12 +94,14 @@ class BaseFilter(Estimator):
         self.pitches, self.total, self.number = (), 0.0, 0
 
     def update(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
-        """Update the accelerations with one instant, and widen the variances of its residual.
+        """Update the estimated acceleration of a rocking base, and add its effect to the variances of the residual.
 
-        residual: its field `wider` is set
-        channels: (D,), of which the last three are pitch, roll, slew
-        lift:     before this instant
-        usable:   (R,) 1 where a row can be used
+        With an inertial sensor on the base nothing is done, because that measures its motion.
+
+        residual: residual torque of the instant; its field `wider` (R,) [N^2 m^2] is set
+        channels: (D,) of the step, of which the last three are pitch, roll [rad] and slew
+        lift:     of the load, before this instant
+        usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         if self.constants.inertial:
             return
@@ -112,29 +116,30 @@ class BaseFilter(Estimator):
         """Update the variances of the accelerations, and the variance that they add to each row.
 
         They follow from a mean pitch of the last steps and, if all rows are usable, from the torques that a settled
-        load does not explain (`recognised.rock`).
+        load does not explain (`recognised.rocking_variance`).
 
-        residual: of the instant, after tares and drift
+        residual: residual torque of the instant: measured less that of the empty machine and the drift [N m]
         channels: (D,), of which the last three are pitch, roll [rad] and slew rate
-        lift:     before this instant
-        usable:   (R,) 1 where a row can be used
+        lift:     of the load, before this instant
+        usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         c, rows = self.constants, len(usable)
-        self._tilt()
+        self._append_pitch()
         swings = PIN_HEIGHT**2 * max(self.turning - c.noise, 0.0)
         settled = not lift.refused and lift.taken > c.settled
         accelerations, wider = array("d", (self.forward, self.upward)), ZERO * rows
         instant = (residual.rows, residual.numbers, lift.numbers, channels, settled and all(usable), swings)
         room = (ZERO * rows, ZERO * c.parameters, ZERO * (2 * rows))
         limits = (c.share, FITS, 1.0 / WIDEST**2)
-        c.kernel.rock(c.plan, c.solver, *instant, *limits, *room, accelerations, wider)
+        c.kernel.rocking_variance(c.plan, c.solver, *instant, *limits, *room, accelerations, wider)
         self.forward, self.upward = accelerations
         self.wider = wider
 
-    def _tilt(self) -> None:
-        """Append the mean pitch of the last steps; three mean pitches give one angular acceleration.
+    def _append_pitch(self) -> None:
+        """Append the mean pitch [rad] of the last steps, and update the variance `turning` of the base's rotation.
 
-        The average `turning` of its square moves towards it by `share`."""
+        Three mean pitches give one angular acceleration [rad/s^2]. The average `turning` of its square moves towards
+        that by the constant `share`."""
         self.pitches = (*self.pitches, self.total / self.number)[-3:]
         self.total, self.number = 0.0, 0
         if len(self.pitches) == 3:

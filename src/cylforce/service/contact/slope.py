@@ -13,9 +13,10 @@ NO_COURSE: Course = ()  # before the first point
 
 
 def kink(course: Course, place: complex) -> tuple[Course, float | None]:
-    """Return the course with the present place, and the confidence that the slope has changed.
+    """Return the course of the teeth with the present place, and the confidence that the ground's slope has changed.
 
-    The slopes of the last two straight pieces are compared. The confidence is None where they agree.
+    A place is added after EVERY_M [m]. The slopes of the last two straight pieces of the course are compared. The
+    confidence (0 to 1) is None where they agree.
 
     course: at most the points of two pieces
     place:  of the teeth, x + i z [m]

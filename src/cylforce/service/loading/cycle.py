@@ -36,7 +36,9 @@ class Cycle(Estimator):
     measured_us: int = 0
 
     def update(self, estimate: Estimate) -> None:
-        """Update the cycle with one estimate."""
+        """Update the working cycle with one estimate: its time in contact, and its largest soil force [N].
+
+        The tool is in contact while the soil force has a value without the reason NO_CONTACT."""
         t_us, force = estimate.t_us, estimate.soil.magnitude
         self.begun_us = self.begun_us or t_us
         if force.status is not Status.INVALID and force.reason is not Reason.NO_CONTACT:

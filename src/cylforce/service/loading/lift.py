@@ -56,7 +56,7 @@ class Lift(Estimator):
 
     @classmethod
     def start(cls, spread: Array, parameters: int, rows: int, *, mixed: bool = False) -> Self:
-        """Return a lift without samples.
+        """Return a lift without samples: the recursive estimate of a load (m, m x, m z, J) before its first row.
 
         spread:     (4,) prior standard errors of a load
         parameters: P + D, number of tares and drifts
@@ -93,9 +93,10 @@ class Lift(Estimator):
 
     @property
     def gram(self) -> Array:
-        """Products (4, P + D) of load columns with those of tares and drift, over each row's variance.
+        """Sum over the rows (4, P + D) of load columns times those of P tares and D drifts, over each row's variance.
 
-        covariance @ gram is the load's sensitivity to tares and drift, with the sign reversed."""
+        covariance @ gram is the change of the load (m, m x, m z, J) per unit of tares (identified parameters of the
+        empty machine) and drifts (changes of friction and zeros), with the sign reversed."""
         return part(self.numbers, LIFT.gram).reshape(4, -1)
 
     def error_by_drift(self, covariance: Array) -> float:
@@ -104,9 +105,12 @@ class Lift(Estimator):
         return sqrt(max(float(gain @ covariance @ gain), 0.0))
 
     def moments(self, tares: Array, drift: DriftKnowledge, colder: float = 1.0) -> tuple[Array, Array]:
-        """Return mass [kg] and first moments [kg m] (3,) less the drift, and their covariance (3, 3).
+        """Return mass [kg] and first moments x, z [kg m] (3,) of the load, and their covariance (3, 3).
 
-        tares:  (P, P) covariance of the tares
+        They are corrected by the drift. The covariance includes the errors of tares and drift.
+
+        tares:  (P, P) covariance of the tares, the identified parameters of the empty machine
+        drift:  of friction and zeros, with its covariance
         colder: factor on the covariance of the drift
         """
         change = (self.covariance @ self.gram)[:3]
@@ -114,7 +118,7 @@ class Lift(Estimator):
         return self.values[:3] - change[:, len(tares) :] @ drift.values, self.covariance[:3, :3] + unsure
 
     def keep_check(self, now: Array, last: SpillCheck, most: int) -> None:
-        """Append an examination for a spill.
+        """Append an examination for a spill, and drop the oldest one of more than `most`.
 
         now:  (4, 5 + P + D) information about the load at it
         last: the examination
@@ -125,7 +129,10 @@ class Lift(Estimator):
         self.tilt = last.tilt if self.tilt is None else self.tilt
 
     def since(self, at: int, now: Array, last: SpillCheck, every: int, nothing: Array) -> "Lift":
-        """Return the lift since an earlier examination, at which the load changed.
+        """Return the lift since an earlier examination for a spill, at which the load changed.
+
+        Information on a load is its matrix (4, 4), right-hand side (4,) and gram (4, P + D) side by side. It is a sum
+        over the samples, so that the part before the examination is subtracted.
 
         at:      number of that examination in `checks`
         now:     (4, 5 + P + D) information at the `last` examination
@@ -155,7 +162,8 @@ def lift_numbers(root: Root, gram: Array, estimate: tuple[Array, Array] | None =
     """Return the state of a lift as one flat array, in the kernel's order (`LiftLayout`).
 
     root:     information on the load (m, m x, m z, J): triangle (4, 4) and right-hand side (4,)
-    gram:     (4, P + D) sum of load columns times columns of tares and drift, over the variance of each row
+    gram:     (4, P + D) sum of load columns times columns of tares (identified parameters) and drift, over each row's
+              variance, which is the sensitivity of the load to both
     estimate: values (4,) and covariance (4, 4) of the load; None: solved from the root
     """
     values, covariance = solution(root) if estimate is None else estimate

@@ -72,15 +72,15 @@ class Ruling:
     words: str
 
 
-def loaded(truck: Truck, booking: Booking, tare: float) -> Truck:
+def add_bucket(truck: Truck, booking: Booking, tare: float) -> Truck:
     """Return the truck with one more bucket, whose mass is the booking's dumped mass less the `tare` [kg]."""
     mass = booking.dumped - tare
     buckets = (*truck.buckets, Bucket(booking.number, mass, part=truck.part))[-KEPT:]
     return replace(_changed(truck, truck.part, mass), filled=truck.filled + 1, buckets=buckets)
 
 
-def refined(truck: Truck, number: int, change: float) -> Truck:
-    """Return the truck with the mass of bucket `number` corrected by `change` [kg]."""
+def correct_bucket(truck: Truck, number: int, change: float) -> Truck:
+    """Return the truck with the mass of bucket `number` corrected by `change` [kg], if that is among the last KEPT."""
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:
         return truck
@@ -93,28 +93,31 @@ def _changed(truck: Truck, part: int, by: float) -> Truck:
     return replace(truck, total=truck.total + by, in_part=truck.in_part + (by if part == truck.part else 0.0))
 
 
-def aimed(truck: Truck, target: float) -> Ruling:
-    """Set the target [kg] of the present part; 0: none."""
+def set_target(truck: Truck, target: float) -> Ruling:
+    """Set the target [kg] of the present part of a truck; 0: none. A target out of range is refused."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, target=target), DONE, f"target set to {target:.1f} kg")
 
 
-def trailer_aimed(truck: Truck, target: float) -> Ruling:
-    """Set the target [kg] of the trailer, or of any other next part; 0: none."""
+def set_trailer_target(truck: Truck, target: float) -> Ruling:
+    """Set the target [kg] of a truck's trailer, or of any other next part; 0: none. One out of range is refused."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, trailer=target), DONE, f"target of the trailer set to {target:.1f} kg")
 
 
 def _too_far(truck: Truck, target: float) -> Ruling | None:
+    """Return the refusal of a target [kg] outside 0 to LARGEST_TARGET; None: it is accepted."""
     if 0.0 <= target <= LARGEST_TARGET:
         return None
     return Ruling(truck, TOO_FAR, f"target refused: {target:.1f} kg is not 0 (none) to {LARGEST_TARGET:.0f} kg")
 
 
 def next_part(truck: Truck) -> Ruling:
-    """Begin the next part, with its own target and sum: the trailer, or the remaining space for another product."""
+    """Begin the next part of a truck, with its own target and sum: the trailer, or the space for another product.
+
+    Its target is that which was set for the trailer [kg]."""
     first = truck.target if truck.part == 1 else truck.first
     after = replace(truck, part=truck.part + 1, in_part=0.0, first=first, target=truck.trailer)
     return Ruling(
@@ -122,8 +125,8 @@ def next_part(truck: Truck) -> Ruling:
     )
 
 
-def of_product(truck: Truck, product: int) -> Ruling:
-    """Set the product, from the next bucket on."""
+def set_product(truck: Truck, product: int) -> Ruling:
+    """Set the number of a truck's product, 0 (none) to 65535, from the next bucket on."""
     if not 0 <= product < 1 << 16:
         return Ruling(truck, TOO_FAR, f"product refused: {product} is not 0 (none) to 65535")
     return Ruling(replace(truck, product=product), DONE, f"product {product} from the next bucket on")
@@ -136,8 +139,14 @@ def next_truck(truck: Truck) -> Ruling:
     return Ruling(after, DONE, f"truck {truck.number} closed with {truck.total:.1f} kg, truck {after.number} opened")
 
 
-def judged(truck: Truck, number: int, accepted: bool) -> Ruling:
-    """Cancel bucket `number` of this truck, or accept it again; a repeated command has no further effect."""
+def set_accepted(truck: Truck, number: int, accepted: bool) -> Ruling:
+    """Cancel a bucket of a truck, whose mass then does not count, or accept it again.
+
+    A repeated command has no further effect. A bucket that is not among the last KEPT ones is refused.
+
+    number:   of the bucket's booking
+    accepted: whether it is accepted; else cancelled
+    """
     what = "accepted" if accepted else "cancelled"
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:

@@ -17,7 +17,7 @@ from cylforce.estimation.kernel.making import counts, numbers
 from cylforce.estimation.kernel.restricted import Numbers
 from cylforce.estimation.kernel.solving import ZERO, solver
 from cylforce.estimation.model import EXPECTED, Model, Tares
-from cylforce.estimation.residual import correlated, load_spread
+from cylforce.estimation.residual import correlated_samples, load_spread
 from cylforce.service.adaptation import DriftFilter
 from cylforce.service.pipeline import Instant
 from cylforce.service.snapshot import Constants, Estimator
@@ -82,14 +82,19 @@ class Block:
     ways: Array = field(default_factory=_nothing)
 
     def followed_by(self, new: "Block", most: int) -> "Block":
-        """Return these blocks followed by a `new` one, the last `most` of them."""
+        """Return a sequence of blocks of motion with a `new` one at its end, of which the last `most` are kept."""
         if not len(self.residual):
             return Block(**{f.name: getattr(new, f.name)[None] for f in fields(Block)})
         parts = ((f.name, getattr(self, f.name), getattr(new, f.name)) for f in fields(Block))
         return Block(**{name: np.concatenate([old[1 - most :], one[None]]) for name, old, one in parts})
 
     def explained(self, rated: float) -> bool:
-        """Return whether a load explains this block without an error of a signal; `rated`: rated payload [kg]."""
+        """Return whether a load alone, of a possible mass, explains the torques of this single block.
+
+        If not, a signal is wrong or another force acts on the tool.
+
+        rated: rated payload [kg]
+        """
         margin, mass = 3.0 * self.spread.item(), self.mass.item()
         hangs = LEAST * rated - margin < mass < MOST * rated
         return bool(hangs and self.residual.item() < CONTACT * self.weight.item())
@@ -102,10 +107,13 @@ def no_blocks(signals: int) -> Block:
 
 
 def cost(block: Block, x: Array | float, rated: float) -> Array:
-    """Return the squared residuals (..., H) of blocks with errors `x` (..., H) of the signals.
+    """Return the squared residual of each block if a signal had a constant error, for each of H signals (..., H).
 
-    They are at most CONTACT per independent sample, which an impossible mass of the load also has.
+    The unit is the square of a standard error. It is at most CONTACT per independent sample, which an impossible mass
+    of the load also has.
 
+    block: one block (H,), or several (B, H)
+    x:     (..., H) supposed error of each signal [bar of a cylinder's force over its head area, rad of an angle]
     rated: rated payload [kg]
     """
     most, mass = CONTACT * block.weight, block.mass - block.slope * x
@@ -135,6 +143,14 @@ class BlockConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
+        """Compute which signals may have an error, and the prior spreads of load, friction and pressure zeros.
+
+        The signals are the forces of cylinders with a measured force, and the angles of joints with an encoder.
+
+        model:  of the machine
+        tares:  identified parameters of the empty machine
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         self.model, self.tares, self.kernel = model, tares, kernel or choice.chosen()
         machine = model.machine
         self.pressed = [c for c, measured in enumerate(machine.forces_measured) if measured]
@@ -148,7 +164,7 @@ class BlockConstants(Constants):
         self.before = drift_spread(model, tares.values, EXPECTED)
         self.frictions = len(model.changing_friction)
         self.prior = np.concatenate([load_spread(machine) ** -2.0, np.ones_like(self.before)])
-        self.memory = max(1.0, correlated(model.filters, tares.correlation) / EVERY)
+        self.memory = max(1.0, correlated_samples(model.filters, tares.correlation) / EVERY)
         self.daily = daily_spread(model, tares.values)
         self._kinds = kinds(model)
         # force [N] of a bar on the head side of each cylinder of `pressed`
@@ -159,45 +175,53 @@ class BlockConstants(Constants):
         self.plan = making.plan(model, self.kernel.KernelPlan)
 
     def daily_change(self, drift: DriftFilter) -> Array:
-        """Return the standard errors (D,) of the changes of friction and zeros from one day to another.
+        """Return the standard errors (D,) of the changes of friction [N, N s/m] and zeros [N] from one day to another.
 
-        Those of friction become smaller when the adaptation has determined the present friction."""
+        Those of friction become smaller when the adaptation has determined the present friction.
+
+        drift: adapted friction and zeros, with their covariance
+        """
         found = ZERO * len(self.before)
         self.kernel.daily_change(self.solver, drift.covariance, self.before, self.frictions, UNKNOWN, found)
         return np.frombuffer(found)
 
     def prior_of(self, drift: DriftFilter) -> Array:
-        """Return the prior information (4 + D,) on load and changes.
+        """Return the prior information (4 + D,), inverse variances, on the load and on changes of friction and zeros.
 
-        It is smaller than usual where the returns of this machine show a larger spread of friction and zeros (cold
-        oil)."""
+        The unit of a change is its standard error between strokes. The information is smaller than usual where the
+        returns of this machine's empty bucket show a larger spread of friction and zeros (cold oil).
+
+        drift: adapted friction and zeros, with the spread that this machine shows
+        """
         own = self.daily * np.sqrt(drift.scale)[self._kinds]
         wider = np.maximum(own / self.daily_change(drift), 1.0)
         return np.asarray(self.prior / np.concatenate([np.ones(LOAD), wider**2]))
 
-    def errors(self, instant: Instant, channels: Numbers, load: Array) -> Array:
-        """Return the residual torque (R, H) [N m] per unit of each error.
+    def torque_per_error(self, instant: Instant, channels: Numbers, load: Array) -> Array:
+        """Return the residual torque (R, H) [N m] that one unit of error of each of H signals causes.
 
-        An angle that reads one radian too large changes the levers, and the modelled gravity of tares and load,
-        g Re((X + i Z) exp(i q)) of each link.
+        The signals are cylinder forces [bar over the head area], then joint angles [rad]. An angle that reads one
+        radian too large changes the levers, and the modelled gravity of tares and load, g Re((X + i Z) exp(i q)) of
+        each link.
 
-        instant:  rows of the step
-        channels: (D,) joint angles, forces, attitude
-        load:     (4,) in the bucket
+        instant:  filtered rows of the step
+        channels: (D,) joint angles [rad], cylinder forces [N], attitude
+        load:     (4,) in the bucket: m, m x, m z, J about the last pin [kg, kg m, kg m, kg m^2]
         """
         found = ZERO * (self.rows * self.size)
         room = (ZERO * len(self.tares.values), ZERO * (self.rows * len(self.turned)))
         of = (self._columns, len(self.pressed), self._per_bar, self._joints, len(self.turned), TILTED)
-        self.kernel.error_torques(self.plan, self.solver, instant.numbers, channels, load, *of, *room, found)
+        self.kernel.torque_per_error(self.plan, self.solver, instant.numbers, channels, load, *of, *room, found)
         return np.frombuffer(found).reshape(self.rows, -1)
 
     def turned_force(self, channels: Numbers, force: complex) -> Array:
-        """Return the torque (R, H) [N m] per unit of each error that is missing from that of a force at the tool.
+        """Return by how much errors of angles change the torque (R, H) [N m] of a known force at the tool.
 
-        An angle that reads too large rotates all links beyond its joint.
+        An angle that reads one radian too large rotates all links beyond its joint, so that the force seems to act at
+        another place. The columns of the cylinder forces, before those of the angles, are 0.
 
-        channels: (D,) joint angles, forces, attitude
-        force:    x + i z [N]
+        channels: (D,) joint angles [rad], cylinder forces [N], attitude
+        force:    at the tool, x + i z, forwards and upwards [N]
         """
         found = ZERO * (self.rows * self.size)
         angles = (self._joints, len(self.turned), len(self.pressed))
@@ -205,9 +229,13 @@ class BlockConstants(Constants):
         return np.frombuffer(found).reshape(self.rows, self.size)
 
     def without_zeros(self, rows: Array, drift: DriftFilter) -> Array:
-        """Return the products (K, K) of a block's rows with the drift of the zeros subtracted from the residual.
+        """Return the products (K, K) of a block's rows after the drift of the pressure zeros, too, is subtracted.
 
-        The weight subtracts the same drift."""
+        The weight subtracts the same drift. In the block it was not yet, because a zero that drifts may be a fault.
+
+        rows:  (K, K) products of the columns [load (4) | friction and zeros (D) | errors of signals (H) | residual (1)]
+        drift: adapted friction and zeros
+        """
         first, own = LOAD + self.frictions, slice(self.frictions, None)
         change = np.eye(len(rows))
         change[first : LOAD + len(self.before), -1] = -self.tares.scale * drift.values[own] / self.before[own]
@@ -241,7 +269,10 @@ class BlockGatherer(Estimator):
 
     @classmethod
     def start(cls, constants: BlockConstants) -> Self:
-        """Return an empty block."""
+        """Return the state before any sample: an empty running block, no load known.
+
+        The rows of a block have K columns: load (4), changes of friction and zeros (D), errors of signals (H), residual
+        (1)."""
         size = len(constants.prior) + constants.size + 1
         return cls(
             constants,
@@ -280,14 +311,17 @@ class BlockGatherer(Estimator):
         self.ways = np.zeros_like(self.ways)
 
     def update(self, instant: Instant, channels: Numbers, drift: DriftFilter) -> None:
-        """Add one sample to the running block; its last sample concludes it, unless the machine hardly moved.
+        """Add one sample to the running block of one second; its last sample concludes it.
 
-        Of the drift only friction is subtracted: a zero that drifts may be a fault.
+        A block in which the machine hardly moved is discarded. Of the drift only friction is subtracted: a pressure
+        zero that drifts may be a fault.
 
-        channels: (D,) of the slow rows
+        instant:  filtered rows of the step
+        channels: (D,) joint angles [rad], cylinder forces [N] and attitude, filtered like the rows of the weighing
+        drift:    adapted friction and zeros
         """
         c, self.block = self.constants, None
-        self.errors = c.errors(instant, channels, self.load)
+        self.errors = c.torque_per_error(instant, channels, self.load)
         if max(map(abs, instant.speed)) > SLOWEST:
             self.rows += self._take_rows(instant, drift)
         self.ways = self.ways + np.frombuffer(instant.speed) * (EVERY / c.model.filters.rate_hz)
@@ -302,16 +336,28 @@ class BlockGatherer(Estimator):
         self._begin()
 
     def _take_rows(self, instant: Instant, drift: DriftFilter) -> int:
-        """Add the rows in motion of one sample to the block, in units of their standard errors; return their number.
+        """Add the rows in motion of one sample to the running block, and return their number.
 
-        The spread of friction is smaller when the adaptation has determined the present friction."""
+        A row is the residual torque of one measured joint with its columns, in units of its standard error. The spread
+        of friction is smaller when the adaptation has determined the present friction.
+
+        instant: filtered rows of the step, of which those that are usable and in motion are added
+        drift:   adapted friction and zeros, with their covariance
+        """
         c, drifts = self.constants, len(self.constants.before)
         seen = (instant.numbers, instant.usable, drift.values, drift.covariance, c.before, c.frictions, UNKNOWN)
         room = (ZERO * ((3 + drifts) * c.rows), ZERO * drifts, ZERO * drifts)
         return c.kernel.gather_block(c.solver, *seen, self.errors, c.size, 1.0, *room, self.gram)
 
     def conclude(self, drift: DriftFilter) -> Block:
-        """Return the evidence of the block that has ended."""
+        """Return the evidence of the block that has ended: how well a load alone explains it, or one with an error.
+
+        Load, friction and zeros are eliminated from the products of its rows. What remains is the squared residual as a
+        parabola in the error of each signal. The estimated load (4,) is kept for the next block; it is 0 where no load
+        explains this one (contact).
+
+        drift: adapted friction and zeros, with the spread that this machine shows
+        """
         c, prior = self.constants, self.constants.prior_of(drift)
         gram, known = self.products / c.memory, len(prior)
         inverse = np.linalg.inv(gram[:known, :known] + np.diag(prior))
@@ -336,7 +382,14 @@ class BlockGatherer(Estimator):
         return block
 
     def _shared(self, drift: DriftFilter, prior: Array) -> tuple[Array, Array, Array]:
-        """Return `rows`, `masses` and `friction_prior` of a block.
+        """Return the evidence of a block about a friction that all blocks share: three fields of `Block`.
+
+        They are `rows`, `masses` and `friction_prior`: the products (F + H + 1, F + H + 1) of the columns [friction |
+        errors of signals | residual], the mass of the load [kg] per unit of each column, and prior mean and standard
+        error (2, F) of the friction. The unit of friction is its standard error between strokes.
+
+        drift: adapted friction and zeros
+        prior: (4 + D,) information on load, friction and zeros of this machine
 
         With the friction f of all blocks and its deviation e in this block, torque = C (f + e). e has a standard error
         of one, and is eliminated as the load is. The gram's residual is relative to the friction of the `drift`. Here

@@ -91,7 +91,12 @@ class OneFriction:
         return min(fits, key=lambda fit: fit.total)
 
     def _fitted(self, signal: int, errors: Array, used: Mask) -> Array:
-        """Return the friction (F,) that explains the `used` blocks (B,) best, beside `errors` (B,)."""
+        """Return the friction (F,), in standard errors between strokes, that explains blocks best beside known errors.
+
+        signal: number of the signal with the errors
+        errors: (B,) error of that signal in each block [bar, rad]
+        used:   (B,) True for the blocks to use
+        """
         (mean, spread), rows = self.blocks.friction_prior[-1], self.blocks.rows[used]
         size = len(mean)
         residual = rows[:, :size, -1] - errors[used, None] * rows[:, :size, size + signal]
@@ -99,7 +104,15 @@ class OneFriction:
         return np.linalg.solve(information, residual.sum(axis=0) + mean / spread**2)
 
     def _cost(self, friction: Array, signal: int, errors: Array) -> Array:
-        """Return the costs (B,), at most that of a block in contact, which an impossible mass also has."""
+        """Return the squared residual (B,) of each block with a given friction and given errors of one signal.
+
+        The unit is the square of a standard error. It is at most that of a block in contact, which an impossible mass
+        of the load also has.
+
+        friction: (F,) of all blocks, in standard errors between strokes
+        signal:   number of the signal with the errors
+        errors:   (B,) error of that signal in each block [bar, rad]
+        """
         parts = np.zeros(self.blocks.masses.shape)
         parts[:, : len(friction)], parts[:, -1] = -friction, 1.0
         parts[:, len(friction) + signal] = -errors

@@ -41,7 +41,10 @@ class MonitoredMachine(Constants):
         self._made: dict[object, Constants] = {}
 
     def constants(self, kind: "Callable[[MonitoredMachine], C]") -> C:
-        """Return the constants of a detector, which are made once."""
+        """Return the constants of a detector; they are made at the first call, and the same object at later calls.
+
+        kind: class of the constants
+        """
         if kind not in self._made:
             self._made[kind] = kind(self)
         return cast(C, self._made[kind])
@@ -128,7 +131,10 @@ class MarkedPressures(Detector):
         return cls(machine.groups, np.zeros(len(machine.groups.signals), dtype=bool))
 
     def mark(self, marked: NDArray[np.bool_], cause: SensorFault) -> None:
-        """Mark pressures (P,), and report them if they are not those of before."""
+        """Replace the marks by `marked` (P,), and report the marked pressures as rejected if the marks have changed.
+
+        cause: fault that is reported
+        """
         if (marked != self.marked).any():
             self.marked, self.report = marked, suspicion_of(marked, self.constants.signals, cause)
 
@@ -140,6 +146,8 @@ def suspicion_of(
 
     marked:  (P,) True where a signal is suspected
     signals: (P,) numbers of the signals
+    cause:   suspected fault
+    level:   of the suspicion
     """
     numbers = tuple(signal for signal, each in zip(signals, marked.tolist(), strict=True) if each)
     return SensorSuspicion(level, cause, numbers) if numbers else NOTHING_SUSPECTED

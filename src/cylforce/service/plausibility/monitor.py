@@ -47,7 +47,7 @@ class Monitor(Estimator):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state before any sample, without a suspicion."""
+        """Return a monitor of a machine's signals before any sample: each detector of the table, no suspicion."""
         made = cls(
             machine,
             groups=PressureGroups.start(machine.groups),
@@ -95,7 +95,10 @@ class Monitor(Estimator):
         self.reports = self._reports()
 
     def update(self, now: MonitorSample) -> None:
-        """Update detectors and suspicion with one step."""
+        """Update all detectors with one step of the service, and combine their reports into the suspicion.
+
+        now: values of the signals and results of the step
+        """
         self.groups.update(now.values, now.instant.speed)
         features = Features(now, self.groups, self.blocks)
         detectors = self.detectors.values()
@@ -110,7 +113,10 @@ class Monitor(Estimator):
         self.reports = reports
 
     def _sample(self, features: Features) -> None:
-        """Update blocks and detectors with every EVERY-th step."""
+        """Update blocks of motion, probable undetected errors and the detectors with every EVERY-th step.
+
+        features: of the step
+        """
         now, blocks = features.now, self.blocks
         channels = now.pipeline.middle
         blocks.update(now.instant, channels, now.drift)
@@ -133,9 +139,9 @@ class Monitor(Estimator):
         return self.suspicion.level is not Level.FINE or any(report.level for report in reports)
 
     def combined(self, reports: Reports) -> SensorSuspicion:
-        """Return the report of the highest level; of several, the first one.
+        """Return the monitor's suspicion from the detectors' reports: that of the highest level; of several, the first.
 
-        A suspicion that `stays` ends after VOTES seconds in the air that a load explains."""
+        A latched suspicion stays. A suspicion that `stays` ends after VOTES seconds in the air that a load explains."""
         if self.suspicion.latched:
             return self.suspicion
         surest = max(reports, key=lambda report: report.level, default=NOTHING_SUSPECTED)

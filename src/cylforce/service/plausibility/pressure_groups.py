@@ -51,7 +51,7 @@ def pressures(machine: Machine) -> list[int]:
 
 
 def picker(machine: Machine) -> Callable[[Numbers], Numbers]:
-    """Return a function that selects the pressures (P,) of all signals (S,)."""
+    """Return a function that selects a machine's P pressures from the values (S,) of all its signals."""
     signals = pressures(machine)
     if len(signals) > 1:
         pick = itemgetter(*signals)
@@ -70,6 +70,10 @@ class GroupConstants(Constants):
     """
 
     def __init__(self, machine: Machine, kernel: Kernel | None = None) -> None:
+        """Collect the pressures among a machine's signals, their cylinders, and their stated noise.
+
+        kernel: form of the kernel; None: the compiled one if there is one
+        """
         self.kernel, self.signals, self.pick = kernel or choice.chosen(), pressures(machine), picker(machine)
         self.cylinders = [machine.signals[k].index for k in self.signals]
         self.stated = array("d", [machine.signals[k].standard_error ** 2 or inf for k in self.signals])
@@ -109,11 +113,11 @@ class GroupStatistics(Estimator):
         return np.asarray(self.since > 0.0)
 
     def take(self, c: GroupConstants, readings: Numbers, way: Numbers, which: Mask) -> None:
-        """Update the groups and the noise with the last GROUP of the readings.
+        """Update means, variances and noise of each pressure with a new group, the last GROUP readings.
 
         The group of a pressure is added where |way| exceeds MOVES.
 
-        c:        constants
+        c:        constants of the pressures
         readings: (T, P) [Pa], flat
         way:      (P,) groups in motion: speed of each pressure's cylinder [m/s], extending positive; groups at rest: 1
                   for the pressures to update, else 0
@@ -121,14 +125,17 @@ class GroupStatistics(Estimator):
         """
         size = len(c.signals)
         begin = len(readings) // size - GROUP
-        c.kernel.group(size, readings, begin, way, MOVES, self.groups)
+        c.kernel.add_group(size, readings, begin, way, MOVES, self.groups)
         group = np.frombuffer(readings, offset=8 * size * begin).reshape(GROUP, size)
         means_and_variances = np.ascontiguousarray(np.frombuffer(self.groups).reshape(4, GROUPS, size)[:2])
         chosen = (means_and_variances, GROUPS, np.asarray(which, dtype=np.float64), c.stated)
         c.kernel.update_noise(size, group, GROUP, *chosen, TENTH, c.quiet, len(QUIET), ZERO * NOISES, self.noise)
 
     def last_longer(self, moved: Mask) -> None:
-        """Count one more group without noise for the pressures whose cylinders `moved` (P,) and whose noise is gone."""
+        """Count one more group since the noise is gone, for the pressures whose noise is gone.
+
+        moved: (P,) True for the pressures to count, whose cylinders moved
+        """
         gone = moved & self.gone
         if gone.any():
             longer = np.frombuffer(self.noise).reshape(NOISES + 1, -1).copy()
@@ -136,7 +143,12 @@ class GroupStatistics(Estimator):
             self.noise = numbers(longer.ravel())
 
     def learn_anew(self, changes: Mask) -> None:
-        """Discard the noise of pressures that change again, if it was gone before all of the last GROUPS groups."""
+        """Discard the learned noise of pressures that change again, if it was gone for more than GROUPS groups.
+
+        Such a pressure was not frozen: its noise has become smaller, and is learned anew.
+
+        changes: (P,) True where a pressure changes
+        """
         back = changes & (self.since > GROUPS)
         if back.any():
             anew = np.where(back, 0.0, np.frombuffer(self.noise).reshape(NOISES + 1, -1))
@@ -169,7 +181,7 @@ class PressureGroups(Estimator):
 
     @classmethod
     def start(cls, constants: GroupConstants) -> Self:
-        """Return the state before any reading."""
+        """Return the statistics of a machine's pressures before any reading: no group, no noise [Pa^2] known."""
         size, empty = len(constants.signals), array("d")
         return cls(
             constants,
@@ -202,7 +214,7 @@ class PressureGroups(Estimator):
         self.readings, self.fresh, self.ratios = array("d"), 0, array("d")
 
     def update(self, values: Numbers, speed: Numbers) -> None:
-        """Update the statistics with one step.
+        """Append the pressures of one step to the running group, and update the statistics when the group has ended.
 
         values: (S,) of all signals [SI]
         speed:  (C,) of the cylinders [m/s]
@@ -219,7 +231,13 @@ class PressureGroups(Estimator):
             self._end_group(speed)
 
     def _end_group(self, speed: Numbers) -> None:
-        """Update the statistics with a group that has ended, if a cylinder moved; `speed` (C,) [m/s]."""
+        """Update means, variances and noise with a group of readings that has ended, if a cylinder moved.
+
+        A pressure belongs to the groups in motion if its own cylinder moves, else to those at rest. Ratios of the
+        groups in motion are computed, which show whether a pressure changes at all.
+
+        speed: (C,) of the cylinders [m/s], extending positive
+        """
         c, size = self.constants, len(self.constants.signals)
         way = array("d", [speed[cylinder] for cylinder in c.cylinders])
         moved = np.array([abs(each) > MOVES for each in way], dtype=bool)
@@ -231,7 +249,7 @@ class PressureGroups(Estimator):
             self.rest.take(c, self.readings, array("d", rested.astype(np.float64).tobytes()), rested)
         self.rest.last_longer(moved)
         ratios = ZERO * (2 * size)
-        if c.kernel.compare(size, self.motion.groups, ZERO * GROUPS, ratios):
+        if c.kernel.compare_groups(size, self.motion.groups, ZERO * GROUPS, ratios):
             self.ratios = ratios
             varied, coloured = np.frombuffer(ratios).reshape(2, size)
             changes = (varied > CHANGES) | ((varied >= 0.0) & (coloured > COLOURED))

@@ -36,6 +36,12 @@ class ReversalConstants(Constants):
     """
 
     def __init__(self, model: Model, tares: Tares, steps: int) -> None:
+        """Find the parameters of each cylinder's dry friction among the tares.
+
+        model: of the machine
+        tares: identified parameters of the empty machine
+        steps: largest number of filter steps between a reversal and a step of a pressure that it explains
+        """
         self.model, self.tares, self.steps = model, tares, steps
         names = {p.name: k for k, p in enumerate(model.parameters)}
         cylinders = (c.name for c in model.machine.cylinders)
@@ -67,9 +73,13 @@ class Reversals(Estimator):
         self.at, self.way = array("d", [-inf]) * size, ZERO * size
 
     def update(self, instant: Instant, steps: int) -> None:
-        """Update the reversals with the filters' step number `steps`.
+        """Note the cylinders that are about to reverse at this step, and their direction after it.
 
-        `Instant.reversing` marks a reversal ahead of the filtered speed, which is delayed."""
+        The mark `reversing` is ahead of the filtered speed, which is delayed: it is still that before the reversal.
+
+        instant: rows of the step, with `reversing` (C,) and `speed` (C,) [m/s] of the cylinders
+        steps:   number of steps of the filters so far
+        """
         reversing = instant.reversing
         if not any(reversing):
             return
@@ -102,6 +112,10 @@ class Reversals(Estimator):
     def _dry_friction(self, c: int, values: Numbers, drift: DriftKnowledge) -> tuple[float, float]:
         """Return the largest dry friction of a cylinder at its present force [N], and its standard error [N].
 
+        c:      number of the cylinder
+        values: (S,) of all signals [SI], which give the force
+        drift:  of friction and zeros, added to the identified friction
+
         The Stribeck part counts as positive: its law is known no better than its size, so that a reversal may increase
         friction by it."""
         laws, tares, model = self.constants.laws[c], self.constants.tares, self.constants.model
@@ -116,7 +130,11 @@ class Reversals(Estimator):
         return float(row @ tares.values + drift.values[adapted]), sqrt(variance)
 
     def _force(self, c: int, values: Numbers) -> float:
-        """Return the force of a cylinder's oil [N]."""
+        """Return the force of a cylinder's oil [N], positive when it pushes: pressures times areas.
+
+        c:      number of the cylinder
+        values: (S,) of all signals [SI]
+        """
         machine = self.constants.model.machine
         cylinder = machine.cylinders[c]
         outward = {Kind.HEAD_PRESSURE: cylinder.area_head, Kind.ROD_PRESSURE: -cylinder.area_rod}

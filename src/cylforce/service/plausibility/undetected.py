@@ -62,7 +62,9 @@ class UndetectedErrors(Estimator):
 
     @classmethod
     def start(cls, constants: BlockConstants) -> Self:
-        """Return the state before any sample."""
+        """Return the state before any sample: no lift, no signal with a probable error.
+
+        The products of rows have K columns: load (4), friction and zeros (D), errors of signals (H), residual (1)."""
         size, none = len(constants.prior) + constants.size + 1, np.zeros(constants.size)
         lift, torques = np.zeros((size, size)), np.zeros((constants.rows, constants.size))
         return cls(
@@ -76,7 +78,10 @@ class UndetectedErrors(Estimator):
         )
 
     def end_lift(self) -> None:
-        """Begin another lift, because the present one has ended or the measurement stopped."""
+        """Begin another lift, because the present one has ended or the measurement stopped.
+
+        The products of the ended lift's rows in motion (measured torques, and the columns that explain them) are added
+        to those of earlier lifts, with the load eliminated."""
         self.before = self.before + self._without_load(self.lift)
         self.of_lift, self.of_before = 0.0, self.of_lift + self.of_before
         self.lift, self.taken = np.zeros_like(self.lift), 0
@@ -84,13 +89,16 @@ class UndetectedErrors(Estimator):
     def update(
         self, blocks: BlockGatherer, channels: Numbers, resultant: Force, taken: int, drift: DriftFilter
     ) -> None:
-        """Update errors and effects with one sample.
+        """Update the probable errors of the signals, and their effect on weight and torques, with one sample.
 
-        blocks:    including this sample
-        channels:  (D,) of the slow rows
+        The errors change after a second of motion in the air that a load explains. Their effect on the mass [kg] and on
+        the joint torques [N m] follows each sample.
+
+        blocks:    seconds of motion, including this sample
+        channels:  (D,) joint angles [rad], cylinder forces [N] and attitude, filtered like the rows of the weighing
         resultant: force at the tool, which an error of an angle seems to rotate
-        taken:     number of samples of the lift
-        drift:     that is subtracted in the weight
+        taken:     number of samples of the lift; a smaller one than before means another lift
+        drift:     of friction and zeros that is subtracted in the weight
         """
         c = self.constants
         if taken < self.taken:
@@ -107,7 +115,13 @@ class UndetectedErrors(Estimator):
         self.mass = sqrt(float(errors @ errors))
 
     def _take_second(self, block: Array) -> None:
-        """Update the errors with one more second (K, K) of the lift."""
+        """Estimate the probable errors of the signals anew with one more second of the lift.
+
+        Load, friction and zeros are eliminated from the products of all rows; older seconds fade with MEMORY [s]. Each
+        error by itself is the one that explains the remaining residual best.
+
+        block: (K, K) products of the rows [load (4) | friction and zeros (D) | errors (H) | residual] of this second
+        """
         c, fading = self.constants, exp(-1.0 / MEMORY)
         self.of_lift, self.of_before = self.of_lift + 1.0, fading * self.of_before
         self.lift, self.before = self.lift + block, self.before * fading
@@ -136,14 +150,17 @@ class UndetectedErrors(Estimator):
         return np.concatenate([known * sizes[:pressures], sizes[pressures:]])
 
     def _without_load(self, rows: Array) -> Array:
-        """Return the products (K-4, K-4) of a lift's rows (K, K) with its load eliminated."""
+        """Return the products (K-4, K-4) of a lift's rows with its own load eliminated, over samples that count as one.
+
+        rows: (K, K) products of the columns [load (4) | friction and zeros | errors | residual]
+        """
         c, own = self.constants, rows / self.constants.memory
         load = np.linalg.inv(own[:LOAD, :LOAD] + np.diag(c.prior[:LOAD]))
         return np.asarray(own[LOAD:, LOAD:] - own[LOAD:, :LOAD] @ load @ own[:LOAD, LOAD:])
 
 
 def off_probability(evidence: Array, residual: float, samples: float) -> float:
-    """Return the probability that a signal has an error.
+    """Return the probability that any of H signals has an error, a priori as probable for each as for none.
 
     evidence: (H,) squares of the errors that explain the torques best, each over its variance
     residual: squares of the residual without an error

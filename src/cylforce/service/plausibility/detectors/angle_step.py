@@ -22,7 +22,10 @@ class AngleStep(Detector):
         return cls()
 
     def on_step(self, features: Features) -> None:
-        """Report the signals that have stepped according to the inputs."""
+        """Report the signals that have stepped, as rejected; the inputs have compared successive values of each signal.
+
+        features: of the step, with the numbers of these signals
+        """
         stepped = features.now.stepped
         if stepped != self.report.signals:
             self.report = (

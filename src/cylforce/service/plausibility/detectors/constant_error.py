@@ -67,6 +67,13 @@ class VoteConstants(Constants):
     """
 
     def __init__(self, machine: MonitoredMachine) -> None:
+        """Compute the limits of the evidence from the allowed false alarms per hour, and the largest errors to try.
+
+        The errors are those of cylinder forces [bar over the head area] and joint angles [rad]. Each signal is tested
+        once a second.
+
+        machine: constants of the machine, with those of its blocks of motion
+        """
         blocks = self.blocks = machine.blocks
         tests = 3600.0 * blocks.size
         self.limits = {level: NormalDist().inv_cdf(0.5 * rate / tests) ** 2 for level, rate in FALSE_PER_HOUR.items()}
@@ -78,10 +85,14 @@ class VoteConstants(Constants):
         return self.limits[Level.REJECTED] / VOTES
 
     def likeliest(self, blocks: Block) -> ConstantOffset:
-        """Return the most likely error with its evidence, from blocks (B, ...).
+        """Return the most likely constant error of a signal with its evidence, from the last B blocks of motion.
 
-        The best size of each block is tried on all blocks. Votes are summed from the block on that gives the largest
-        evidence."""
+        For each of H signals the best size of each block is tried on all blocks. A block votes for the error by twice
+        the log likelihood ratio to an error that does no harm. Votes are summed from the block on that gives the
+        largest evidence.
+
+        blocks: (B, ...) evidence of each block about the errors [bar of a cylinder's force over its head area, rad]
+        """
         rated, most = self.blocks.rated, self.most
         sizes = np.clip(blocks.linear / blocks.square, -self.largest, self.largest)  # (B, H)
         x = sizes[:, None, :]
@@ -107,7 +118,12 @@ class VoteConstants(Constants):
         return ConstantOffset(signal, float(sizes[k, signal]), evidence[signal], unsure, confirmed)
 
     def suspicion(self, offset: ConstantOffset) -> SensorSuspicion:
-        """Return the suspicion of an error."""
+        """Return the suspicion of a constant error: its level by the evidence, and the signals of which one is wrong.
+
+        These are the pressures of a cylinder (OFFSET, in Pa), or the angle sensor of a joint (SLIPPED, in rad).
+
+        offset: most likely error, in the units of the blocks [bar, rad]
+        """
         if offset.evidence <= self.limits[Level.SUSPECTED]:
             return NOTHING_SUSPECTED
         level = Level.REJECTED if offset.evidence > self.limits[Level.REJECTED] else Level.SUSPECTED
@@ -122,9 +138,13 @@ class VoteConstants(Constants):
 
 
 def scatter(blocks: Block) -> Array:
-    """Return the factor (B, 1), 1 or more, by which blocks are less evidence (Birge ratio).
+    """Return the factor (B, 1), 1 or more, by which each block is less evidence (Birge ratio).
 
-    It is the mean square of an independent sample, beside the best error of a signal, in units of its variance."""
+    It is the mean square of an independent sample that remains with the best error of a signal, in units of its
+    variance: above 1 the torques scatter more than at commissioning.
+
+    blocks: (B, ...) with their squared residuals as parabolas in the errors of the signals
+    """
     most = (blocks.linear**2 / blocks.square).max(axis=1, keepdims=True)
     return np.asarray(np.maximum((blocks.residual - most) / blocks.weight, 1.0))
 
@@ -176,7 +196,7 @@ class ConstantError(Detector):
             self.blocks, self.offset = no_blocks(self.constants.blocks.size), NO_OFFSET
 
     def on_sample(self, features: Features) -> None:
-        """Append a block that has ended, and update the most likely error."""
+        """Append a block of motion that has ended at this sample, and update the most likely constant error."""
         if features.blocks.block is not None:
             self.blocks = self.blocks.followed_by(features.blocks.block, KEPT)
             self.offset = self.constants.likeliest(self.blocks)

@@ -51,6 +51,10 @@ class DrivenConstants(Constants):
     """
 
     def __init__(self, monitored: MonitoredMachine) -> None:
+        """Compute the smallest driving force that counts [N], the reach of each joint [m], and its pressures.
+
+        monitored: constants of the machine, with the rated force [N]
+        """
         model = monitored.model
         machine = self.machine = model.machine
         self.seconds, self.least = EVERY / model.filters.rate_hz, LEAST * monitored.rated_force
@@ -62,8 +66,12 @@ class DrivenConstants(Constants):
         self.acting = [tuple(k for k, s in signals if s.index in acting) for acting in model.acting]
 
     def pushes(self, force: Force, along: complex) -> bool:
-        """Return whether a force, less the part that a hanging mass explains, drives the tool.
+        """Return whether a measured force, less the part that a hanging mass explains, clearly drives the tool.
 
+        It drives the tool if its component along the motion exceeds the smallest force that counts, and SURE standard
+        errors. Where the machine drives while it digs (wheel loader), only the vertical component counts.
+
+        force: at the tool, with its covariance
         along: unit vector of the tool's motion, x + i z
         """
         if force.x.status is Status.INVALID or force.z.status is Status.INVALID:
@@ -101,7 +109,7 @@ class DrivenTool(Detector):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state without a driven path."""
+        """Return the detector before any sample: the tool was not driven by the measured force over any path."""
         return cls(
             machine.constants(DrivenConstants),
             path=0.0,
@@ -131,7 +139,11 @@ class DrivenTool(Detector):
         self.drives, self.alone = False, 0.0
 
     def on_sample(self, features: Features) -> None:
-        """Update path and report with the forces of a sample."""
+        """Update the driven path with the forces of a sample, and the suspicion by its length.
+
+        The pressures of the joint with the largest residual torque over its reach, summed along the path, are the
+        suspected ones. A force that a weighed load explains is no driving force.
+        """
         now = features.now
         soil = now.forces.soil if now.weighed else None
         self.take(now.forces.resultant, now.instant.velocity, now.residual, soil)
@@ -139,7 +151,6 @@ class DrivenTool(Detector):
         if level is Level.FINE:
             self.report = NOTHING_SUSPECTED
         else:
-            # report the cylinders of the joint with the largest residual torque over its reach
             joint = int((self.strain / self.constants.outward).argmax())
             signals = self.constants.acting[joint]
             self.report = SensorSuspicion(level, SensorFault.CONTRADICTS_MOTION, signals, confirmed=self.confirmed)
@@ -149,7 +160,7 @@ class DrivenTool(Detector):
 
         resultant: force of all that acts on the tool
         velocity:  of the tool, x + i z [m/s]
-        residual:  (R,) residual torque of the tares [N m]
+        residual:  (R,) measured joint torques less those of the empty machine [N m]
         soil:      the resultant less the force of the weighed load; None: no load is weighed
         """
         speed, c = abs(velocity), self.constants

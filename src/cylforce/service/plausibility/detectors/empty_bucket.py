@@ -64,6 +64,10 @@ class EmptyConstants(Constants):
     """
 
     def __init__(self, monitored: MonitoredMachine) -> None:
+        """Compute the limits of a possible weight: rated payload [kg], reach of a load [m], duration of a fault.
+
+        monitored: constants of the machine
+        """
         machine, self.tares = monitored.model.machine, monitored.tares.covariance
         self.rated, self.reach = machine.rated_payload, FARTHEST * machine.payload_reach
         self.later = LATER_S * monitored.model.filters.rate_hz
@@ -95,7 +99,7 @@ class EmptyBucket(Detector):
         return self.wrong_since != NEVER
 
     def on_sample(self, features: Features) -> None:
-        """Update the report with the weight of a sample."""
+        """Update the fault with the gross weight and lift of a sample, and suspect all signals while there is one."""
         now = features.now
         self.take(now.gross, now.lift, now.drift)
         if self.fault is SensorFault.NONE:
@@ -104,10 +108,15 @@ class EmptyBucket(Detector):
             self.report = SensorSuspicion(Level.SUSPECTED, self.fault, self.constants.all)
 
     def take(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> None:
-        """Update the fault with the gross weight [kg] of a lift.
+        """Update the fault with the gross weight of a lift, if that is the weight of an empty bucket.
 
         As for a booking, the lift must continue for LATER_S, because the samples before the end of a lift are no
-        weight."""
+        weight.
+
+        gross: weight less the operator's zero [kg]
+        lift:  present lift, from which mass and first moments follow
+        drift: adapted friction and zeros
+        """
         c, taken = self.constants, lift.taken
         if gross.status is not Status.OK or gross.value > EMPTY_BELOW * c.rated:
             self.wrong_since = NEVER
@@ -121,7 +130,11 @@ class EmptyBucket(Detector):
             self.fault = fault
 
     def _fault(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> SensorFault:
-        """Return the fault of an empty bucket's weight or moments.
+        """Return the fault of an empty bucket's weight or moments: NEGATIVE_WEIGHT, IMPOSSIBLE_MOMENTS or NONE.
+
+        gross: weight less the operator's zero [kg]
+        lift:  present lift, from which mass [kg] and first moments [kg m] follow
+        drift: adapted friction and zeros; before a return has determined them, the oil may be cold
 
         The gross weight is that after the operator's zero; the moments' mass is the larger of both, before zero and
         after. A fault of the moments stays while they are less accurate than a weight must be. Moments of an error of

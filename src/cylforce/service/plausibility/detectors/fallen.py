@@ -14,7 +14,12 @@ VACUUM = -1e5 - NOTHING  # Pa: least possible reading, vacuum less a sensor's er
 
 
 def fallen(features: Features) -> Array | None:
-    """Return the last readings (T, P) [Pa], T > 2 FALL_STEPS, if a pressure is below NOTHING; else None."""
+    """Return the last T readings of P pressures (T, P) [Pa] if one of them is below NOTHING [Pa] now; else None.
+
+    It is None, too, for no more than 2 FALL_STEPS readings.
+
+    features: of the step, with the statistics of the pressures
+    """
     groups = features.groups
     if groups.lowest >= NOTHING:
         return None
@@ -27,7 +32,7 @@ class BelowVacuum(MarkedPressures):
     """Pressures that were below vacuum."""
 
     def on_step(self, features: Features) -> None:
-        """Mark the pressures that stay below vacuum."""
+        """Mark the pressures that stayed below vacuum for the last FALL_STEPS steps."""
         recent = fallen(features)
         if recent is not None:
             self.mark(self.marked | (recent[-FALL_STEPS:].max(axis=0) < VACUUM), SensorFault.BELOW_VACUUM)
@@ -38,7 +43,7 @@ class BurstHose(MarkedPressures):
     """Pressures that fell to zero within 50 ms."""
 
     def on_step(self, features: Features) -> None:
-        """Mark the pressures that fell and stay below NOTHING, but not below vacuum."""
+        """Mark the pressures that fell from above FALLS to below NOTHING [Pa] and stay there, but not below vacuum."""
         recent = fallen(features)
         if recent is None:
             return

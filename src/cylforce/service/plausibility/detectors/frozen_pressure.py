@@ -24,7 +24,11 @@ class FrozenPressure(MarkedPressures):
     """Pressures that do not change in 4 s of motion."""
 
     def on_step(self, features: Features) -> None:
-        """Update the marks when a group has ended."""
+        """Mark the pressures that are constant apart from white noise, when a group of readings has ended.
+
+        The group's ratios (2, P) are the variance between the means of the last groups over that expected from the
+        noise within them (-1: not enough groups), and that noise over its white part. A mark stays until the pressure
+        clearly changes."""
         ratios = features.groups.ratios
         if not ratios:
             return

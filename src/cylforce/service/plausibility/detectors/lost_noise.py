@@ -29,7 +29,7 @@ class LostNoise(Detector):
         return cls(machine.groups)
 
     def on_step(self, features: Features) -> None:
-        """Update the report when a group has ended."""
+        """Suspect the pressures whose noise is gone, when a group of readings has ended."""
         if features.groups.ended:
             self.report = suspicion_of(
                 features.groups.gone, self.constants.signals, SensorFault.FROZEN, Level.SUSPECTED

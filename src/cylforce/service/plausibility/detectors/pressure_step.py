@@ -79,6 +79,12 @@ class StepTest:
     """
 
     def __init__(self, machine: Machine, rate_hz: float, kernel: Kernel | None = None) -> None:
+        """Compute the curves, the possible swaps, and the log likelihood ratio of one false alarm in HOURS.
+
+        machine: whose pressures are tested, with their standard errors and ranges
+        rate_hz: steps per second [Hz]
+        kernel:  form of the kernel; None: the compiled one if there is one
+        """
         self.kernel, self.signals = kernel or choice.chosen(), pressures(machine)
         own = [machine.signals[k] for k in self.signals]
         self.swaps = _swaps(machine)
@@ -99,6 +105,7 @@ class StepTest:
         self.pairs = counts(p for pairs in filled for pair in pairs for p in pair)
 
     def _gate(self) -> Numbers:
+        """Return the change (P,) [Pa] between two readings below which no step can be suspected."""
         many = 2 * (FREE + KNOWN)
         squares = min(FREE * (exp(self.least / FREE) - 1.0), 0.5 * many * (exp(4.0 * self.least / many) - 1.0))
         return numbers(0.5 * (sqrt(squares) / abs(self._rise)) * np.sqrt(self._noise))
@@ -122,7 +129,10 @@ class StepTest:
         return self._stepped(window, readings[:-WINDOW]) if found % 2 else NOTHING_SUSPECTED
 
     def _stepped(self, window: Array, earlier: Array) -> SensorSuspicion:
-        """Return the suspicion of the pressure that stepped alone, if one did.
+        """Return the suspicion of the pressure that stepped alone; NOTHING_SUSPECTED if none did.
+
+        A smooth curve with a step after BEFORE readings must explain it much better than one without the step, and
+        better than a blow to all pressures. The step is the last of the orthonormal `curves`.
 
         window:  (WINDOW, P) last readings [Pa]
         earlier: (T, P) readings before them [Pa]
@@ -149,9 +159,11 @@ class StepTest:
         return np.asarray(np.maximum(squared.mean(axis=0) / (FREE + 1), self._noise))
 
     def _unlikely(self, squared: Array, known: Array | None) -> Array:
-        """Return minus the log likelihood [nats] of a residual: Student's, if the earlier variance is known.
+        """Return minus the log likelihood [nats] (P,) of a curve's residual.
 
-        squared: squares of the residual [Pa^2]
+        The distribution is Student's if the variance of the earlier readings is known.
+
+        squared: (P,) sum of squares of the residual [Pa^2]
         known:   (P,) variance of the earlier readings [Pa^2]; None: not known
         """
         if known is None:
@@ -160,7 +172,7 @@ class StepTest:
         return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(share, 1.0)))
 
     def _blow(self, plain: Array, stepped: Array) -> float:
-        """Return the log likelihood [nats] of a blow.
+        """Return the log likelihood [nats] of a blow to the machine, which changes all pressures at once.
 
         Each pressure continues, steps, or has any readings, with equal probability.
 
@@ -171,27 +183,39 @@ class StepTest:
         return float(np.sum(either - log(3.0)))
 
     def _misfit(self, squared: Array, noise: Array) -> Array:
-        """Return minus the log likelihood [nats] of a residual with a variance of its own, 0 up to that of the noise.
+        """Return minus the log likelihood [nats] of a curve's residual with a variance of its own.
 
-        squared: squares of the residual [Pa^2]
-        noise:   least variance [Pa^2]
+        It is 0 up to the variance of the noise.
+
+        squared: sum of squares of the residual [Pa^2]
+        noise:   least variance [Pa^2], as `squared`
         """
         return np.asarray(0.5 * FREE * np.log(np.maximum(squared / (FREE * noise), 1.0)))
 
     def _crossed(self, window: Array) -> Array:
-        """Return the squared residuals (P, P) [Pa^2] of curves through two pressures.
+        """Return the squared residuals (P, P) [Pa^2] of smooth curves through the readings of two pressures each.
 
-        Element (a, b) is that of a curve through the first readings of a and the last readings of b."""
+        Element (a, b) is that of a curve through the first readings of a and the last readings of b: small if the plugs
+        of a and b were swapped.
+
+        window: (WINDOW, P) last readings [Pa]
+        """
         curves, first, last = self.curves[:, :-1], window[:BEFORE], window[BEFORE:]
         one, other = curves[:BEFORE].T @ first, curves[BEFORE:].T @ last
         squares = (first**2).sum(axis=0)[:, None] + (last**2).sum(axis=0)
         return np.asarray(squares - ((one[:, :, None] + other[:, None, :]) ** 2).sum(axis=0))
 
     def _swapped(self, window: Array, plain: Array, stepped: Array) -> Pairs:
-        """Return the pairs that are swapped, if any are.
+        """Return the pairs of pressures that were swapped; empty if none were.
 
-        Both signals of a pair must be evidence, and the weaker evidence counts twice. A swap must be likelier than a
-        blow."""
+        Curves through the first readings of one and the last readings of the other must explain them much better than
+        curves through the readings of each. Both signals of a pair must be evidence, and the weaker evidence counts
+        twice. A swap must be likelier than a blow.
+
+        window:  (WINDOW, P) last readings [Pa]
+        plain:   (P,) minus the log likelihoods [nats] of curves without a step
+        stepped: (P,) minus the log likelihoods [nats] of curves with a step
+        """
         squared, blow = self._crossed(window), self._blow(plain, stepped)
         crossed = self._misfit(squared, np.maximum(self._noise[:, None], self._noise))
         better = np.diagonal(crossed)[:, None] - crossed  # (P, P): if the last readings are those of another
@@ -206,6 +230,9 @@ class StepTest:
 
 
 def _swaps(machine: Machine) -> list[Pairs]:
+    """Return the possible swaps of a machine's pressures, each as pairs of their numbers among the P pressures.
+
+    A plug may be exchanged between both sides of a cylinder, or a node of both sides between two cylinders."""
     places = {(s.index, s.kind): p for p, s in enumerate(machine.signals[k] for k in pressures(machine))}
     both = [c for c in range(len(machine.cylinders)) if {(c, k) for k in SIDES} <= set(places)]
     sides: list[Pairs] = [((places[c, SIDES[0]], places[c, SIDES[1]]),) for c in both]
@@ -216,7 +243,9 @@ def _swaps(machine: Machine) -> list[Pairs]:
 
 
 def _curves() -> Array:
-    """Return orthonormal columns (WINDOW, DEGREE + 2): curves up to DEGREE, then a step."""
+    """Return the curves that are fitted to a window of readings, as orthonormal columns (WINDOW, DEGREE + 2).
+
+    They are polynomials of the time up to DEGREE, then a step after BEFORE readings."""
     t = np.arange(BEFORE + AFTER) - (BEFORE + AFTER - 1) / 2.0
     powers = [t**k for k in range(DEGREE + 1)]
     found, _ = np.linalg.qr(np.stack([*powers, t > BEFORE - (BEFORE + AFTER) / 2.0 - 0.5], axis=1))
@@ -234,6 +263,10 @@ class StepConstants(Constants):
     """
 
     def __init__(self, machine: MonitoredMachine) -> None:
+        """Compute the constants of the test, and of the motion that confirms or refutes a step.
+
+        machine: constants of the machine
+        """
         model, self.blocks = machine.model, machine.blocks
         self.test = StepTest(model.machine, model.filters.rate_hz)
         self.reversals = ReversalConstants(model, machine.tares, AFTER * self.test.every)
@@ -241,7 +274,11 @@ class StepConstants(Constants):
         self.pick = picker(model.machine)
 
     def error_of(self, suspicion: SensorSuspicion) -> tuple[int, float]:
-        """Return the number of the suspected signal in the blocks, and its error [bar on the head side]."""
+        """Return the suspected cylinder force as a number in the blocks, and its error [bar on the head side].
+
+        suspicion: of one pressure that stepped by `size` [Pa]; a rod pressure counts by the ratio of the areas, with
+                   the sign reversed
+        """
         machine = self.blocks.model.machine
         signal = machine.signals[suspicion.signals[0]]
         cylinder = machine.cylinders[signal.index]
@@ -281,7 +318,7 @@ class PressureStep(Detector):
 
     @classmethod
     def start(cls, machine: MonitoredMachine) -> Self:
-        """Return the state before any reading."""
+        """Return the detector before any reading: no pressure is suspected to have stepped."""
         constants, empty = machine.constants(StepConstants), array("d")
         return cls(
             constants,
@@ -298,9 +335,12 @@ class PressureStep(Detector):
         )
 
     def interrupt(self, why: Interruption) -> None:
-        """Discard the readings, because the filters begin anew.
+        """Discard the readings, because the filters begin anew after an interruption.
 
-        Pressures that were outside their range are suspected, unless there is a suspicion already."""
+        Pressures that were outside their range are suspected, unless there is a suspicion already.
+
+        why: cause of the interruption, with the numbers of the signals outside their range
+        """
         self._forget_readings()
         self.steps = self.since = 0
         self.reversals.clear()
@@ -315,7 +355,7 @@ class PressureStep(Detector):
         self.report, self.votes, self.seconds, self.in_air = suspicion, 0.0, 0, 0
 
     def on_step(self, features: Features) -> None:
-        """Update the report with the pressures of a step; discard a new suspicion that friction explains."""
+        """Update the suspicion with the pressures of a step; discard a new one that a reversal of friction explains."""
         now, steps = features.now, features.now.pipeline.steps
         self.reversals.update(now.instant, steps)
         known, since, votes = self.report, self.since, self.votes
@@ -327,7 +367,9 @@ class PressureStep(Detector):
             self.report, self.since, self.votes = known, since, votes
 
     def take(self, now: Numbers, steps: int, arrivals: Numbers) -> None:
-        """Update the report with the pressures of a step. A few missing readings are linearly interpolated.
+        """Update the suspicion with the pressures of a step, if a reading is due at it.
+
+        A few missing readings are linearly interpolated.
 
         Beside a late or missing reading no step is concluded: the pressure has changed meanwhile by more than the
         readings' nominal interval explains.
@@ -347,7 +389,10 @@ class PressureStep(Detector):
         self._read(now, steps, late=late)
 
     def _fill(self, now: Numbers, missing: int) -> None:
-        """Insert interpolated readings for `missing` ones; discard all readings if too many are missing."""
+        """Insert linearly interpolated readings for `missing` ones; discard all readings if too many are missing.
+
+        now: (P,) present pressures [Pa], up to which the readings are interpolated
+        """
         if not 0 <= missing <= AFTER or not self.readings:
             self._forget_readings()
             return
@@ -357,7 +402,14 @@ class PressureStep(Detector):
             self._read(between, self.steps + self.constants.test.every, late=True)
 
     def _read(self, now: Numbers, steps: int, *, late: bool) -> None:
-        """Append one reading (P,) [Pa], and test for a step AFTER readings before it."""
+        """Append one reading, and test for a step or swap that happened AFTER readings before it.
+
+        Nothing is tested beside a late reading, or where no pressure changed by more than the gate.
+
+        now:   (P,) pressures [Pa]
+        steps: number of steps of the filters
+        late:  whether the reading is late or interpolated
+        """
         size, test = len(now), self.constants.test
         self.readings += now
         self.steps = steps
@@ -368,7 +420,7 @@ class PressureStep(Detector):
         last = len(self.readings) // size - AFTER
         # one late reading farther away hardly changes a curve
         sound = not self.late & BESIDE and self.late.bit_count() <= 1
-        if last < BEFORE or not sound or not test.kernel.suspicious(size, self.readings, last, test.gate):
+        if last < BEFORE or not sound or not test.kernel.may_step(size, self.readings, last, test.gate):
             return
         suspicion = test.suspicion(np.frombuffer((self.before + self.readings)[-LONGEST * size :]).reshape(-1, size))
         if suspicion.level is not Level.FINE:
@@ -381,7 +433,14 @@ class PressureStep(Detector):
             self.vote(features.blocks.block)
 
     def vote(self, block: Block) -> None:
-        """Update the votes on the suspicion with a second of motion."""
+        """Update the votes against the suspicion with a second of motion, and end the suspicion with enough of them.
+
+        A suspected step loses by twice the log likelihood ratio of the second without and with it. Suspected swaps lose
+        by each second in a row that a load explains. A step that is not confirmed ends after KEPT_SECONDS seconds of
+        motion, at least VOTES of them in the air.
+
+        block: evidence of the second about the errors of the signals
+        """
         c, rated = self.constants, self.constants.blocks.rated
         if self.report.level is Level.FINE or self.steps - self.since <= c.settled:
             return

@@ -35,6 +35,10 @@ class SweptConstants(Constants):
     """
 
     def __init__(self, monitored: MonitoredMachine) -> None:
+        """Collect the kinds of the signals, which show how slewing is measured, and the pressures to suspect.
+
+        monitored: constants of the machine
+        """
         machine = monitored.model.machine
         self.measured, self.rate_hz = {s.kind for s in machine.signals}, monitored.model.filters.rate_hz
         self.pressures = tuple(pressures(machine))
@@ -71,7 +75,7 @@ class SweptTool(Detector):
         self.running = 0.0
 
     def on_sample(self, features: Features) -> None:
-        """Update the report with the slewing of a sample, and with a block that ends at it."""
+        """Update the angle of slewing that no load explains with a sample, and suspect all pressures by its size."""
         self.slew(features.now.pipeline.smooth)
         if features.blocks.ended:
             self.end_block(features.blocks.explained)
@@ -82,7 +86,12 @@ class SweptTool(Detector):
             self.report = SensorSuspicion(level, SensorFault.CONTRADICTS_MOTION, self.constants.pressures)
 
     def slew(self, smooth: Array) -> None:
-        """Add the slewing of a sample to the running block; `smooth` (3, D): last three smoothed channels."""
+        """Add the angle by which the house slewed since the last sample, either way, to the running block [rad].
+
+        Without a slew sensor nothing is added.
+
+        smooth: (3, D) last three smoothed channels, the slew rate [rad/s] or slew angle [rad] last
+        """
         c = self.constants
         if Kind.SLEW_RATE in c.measured:
             rate = float(smooth[-1, -1])
@@ -94,7 +103,10 @@ class SweptTool(Detector):
         self.fast = abs(rate) > FAST
 
     def end_block(self, explained: bool | None) -> None:
-        """End the running block; `explained`: whether a load explains it, None: the machine hardly moved."""
+        """End the running block: its slewing counts, unless a load explains the block, which resets the sum to 0.
+
+        explained: whether a load explains the block; None: the machine hardly moved, and the block does not count
+        """
         if explained is not None:
             self.angle = 0.0 if explained else self.angle + self.running
         self.running = 0.0
