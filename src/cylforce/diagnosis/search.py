@@ -997,6 +997,12 @@ class Candidate:
         return found
 
     @property
+    def is_linear(self) -> bool:
+        """True where the readings are not corrected for all of its errors of sensors and geometry."""
+        bending = {p for p in self.hypothesis.forms if self.question.proposals[p].bends}
+        return self.incident is None and not bending <= set(self.question.applied)
+
+    @property
     def keys(self) -> frozenset[Key]:
         """Names and locations of its effects; all free torques are one."""
         return frozenset(self.key(p) for p in self.hypothesis.forms)
@@ -1227,6 +1233,13 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
             more = case.with_one_more(best.hypothesis, p)
             if more.forms not in known:
                 found.append(Candidate(more, best.question))
+    for _ in range(AGAIN):
+        best = max(found, key=lambda c: c.log)
+        if not best.is_linear:
+            break
+        found.remove(best)
+        as_read = replace(best.question, seen=question.seen, applied={}, noise=None)
+        found.append(corrected(replace(best, question=as_read)))
     return found
 
 
