@@ -48,16 +48,16 @@ def least_squares(data: Factors, row_error: Array, prior: Prior | None) -> Fit:
 
     Rows are weighted by 1/row_error (R,). A block that fits much worse than the others has a smaller weight. Raises
     ValueError when there are no usable rows."""
-    if not np.any(data.samples):
-        raise ValueError("no usable rows: nothing to fit")
-    root = _prior_rows(prior, data.triangle.shape[-1] - 1)
-    found = _round(data, row_error, root, np.ones_like(data.samples), 1.0)
-    for _ in range(ROUNDS):
-        found = _round(data, row_error, root, found.trust, found.next_memory)
+    root, found = _rounds(data, row_error, prior)
     excited, weakest = _excitation(found.triangle[:, :-1], _scale(found.triangle, prior))
     covariance = _covariance(data, found, root)
     rms = _row_rms(data, found.solution.values, found.trust)
     return Fit(found.solution.values, covariance, rms, excited, weakest, found.trust, found.memory)
+
+
+def fitted_values(data: Factors, row_error: Array, prior: Prior | None) -> Array:
+    """Return the values (K,) of `least_squares`, in three quarters of its time because nothing else is computed."""
+    return _rounds(data, row_error, prior)[1].solution.values
 
 
 def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, float]:
@@ -118,6 +118,19 @@ class _Round(NamedTuple):
     memory: float
     next_memory: float
     trust: Array
+
+
+def _rounds(data: Factors, row_error: Array, prior: Prior | None) -> tuple[Array, _Round]:
+    """Return the prior's rows (..., K+1), and the last pass of reweighting.
+
+    Raises ValueError when there are no usable rows."""
+    if not np.any(data.samples):
+        raise ValueError("no usable rows: nothing to fit")
+    root = _prior_rows(prior, data.triangle.shape[-1] - 1)
+    found = _round(data, row_error, root, np.ones_like(data.samples), 1.0)
+    for _ in range(ROUNDS):
+        found = _round(data, row_error, root, found.trust, found.next_memory)
+    return root, found
 
 
 def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: float) -> _Round:
