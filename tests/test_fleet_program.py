@@ -27,7 +27,7 @@ from cylforce.settings.machine_file import load
 from studies._fleets import MACHINE_FILE, Size, day_of, name_of, write_fleet
 
 HERE = Where(None, 0)
-SIZE = Size(machines=3, days=6, seconds=45.0, changing=1)
+SIZE = Size(machines=3, days=6, seconds=40.0, changing=1)
 SEED = 3
 OF_THE_RUN = ["took_s", "memory_mb"]
 

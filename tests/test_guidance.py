@@ -98,7 +98,7 @@ def test_a_loaded_bucket_is_refused_early(kg):
 
 def test_a_tool_on_the_ground_is_refused(monkeypatch):
     touching(monkeypatch, 0.1, 10e3)
-    *_, last = follow(Guide(MODEL), [samples(LOADED, 72)])
+    *_, last = follow(Guide(FEW_GUIDE.model, every_s=40.0), [samples(FEW, 72)])
     assert "something" in last.refusal
 
 
