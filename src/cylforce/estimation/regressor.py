@@ -89,7 +89,9 @@ class Regressor:
                 static[..., places] += part.static
             else:
                 static[..., places] = part.static
-        moved = [(part.momentum, own) for part, own in zip(parts, self._numbers, strict=True) if part.momentum is not None]
+        moved = [
+            (part.momentum, own) for part, own in zip(parts, self._numbers, strict=True) if part.momentum is not None
+        ]
         numbers = sorted({number for _, own in moved for number in own})
         momentum = np.zeros((*lead, self.machine.size, len(numbers)))
         for columns, own in moved:
