@@ -310,5 +310,7 @@ def scores(data: Factors, values: Array) -> Array:
     """Return the scores A' e (B, R, K) of every block, with residuals e = observed - A values.
 
     A score is the direction in which the block would change the parameters `values` (K,)."""
+    if _is_nothing(data.triangle):
+        return _zeros((*data.triangle.shape[:-2], len(values)))
     left = -data.triangle @ np.append(values, -1.0)
     return np.asarray((np.swapaxes(data.triangle, -1, -2) @ left[..., None])[..., :-1, 0])
