@@ -249,9 +249,9 @@ class Machine:
         if table is None:
             raise ValueError(f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle")
         (j,) = self.spans[c]
-        if isinstance(length, float):
-            return np.asarray(self._one_joint_angle(c, j, length, table))
         wanted = np.asarray(length, dtype=np.float64)
+        if wanted.ndim == 0:
+            return np.asarray(self._one_joint_angle(c, j, float(wanted), table))
         theta = np.zeros((*wanted.shape, self.size))
         theta[..., j] = np.interp(wanted, *table, left=np.nan, right=np.nan)
         for _ in range(NEWTON_STEPS):
