@@ -1,5 +1,6 @@
 """The shared material beside the repository, and the rule that nothing else may be a reason to skip."""
 
+import gc
 import os
 from collections import Counter
 from pathlib import Path
@@ -89,6 +90,11 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     place = {name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.name, len(LONGEST)))
+
+
+def pytest_collection_finish():
+    """What is collected stays until the end: the garbage collector need not look at it again and again."""
+    gc.freeze()
 
 
 class Long:

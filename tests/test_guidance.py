@@ -29,7 +29,7 @@ FIVE_MINUTES = 300.0
 @cache
 def done(machine, seed=70):
     loaded = load(machine)
-    return commissioned(loaded, Guide(model_of(loaded), every_s=10.0), seed)
+    return commissioned(loaded, Guide(model_of(loaded), every_s=20.0), seed)
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda path: path.stem)
