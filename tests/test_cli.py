@@ -305,8 +305,9 @@ def test_describe(capsys, tmp_path, path):
 def test_identify_and_replay(capsys, runs, tmp_path):
     """Our own log names its machine file; the tares go into a replay, whose estimates go into a table."""
     tares, table = tmp_path / "identified.toml", tmp_path / "estimates.csv"
-    assert cylforce_("identify", runs / "moves.log", "-o", tares, "--no-statistics") == 0
+    assert cylforce_("identify", runs / "moves.log", "-o", tares) == 0
     assert "boom.X" in capsys.readouterr().out
+    assert tares.with_suffix(".statistics.npz").exists()
     assert cylforce_("replay", EXCAVATOR, runs / "run.log", "--identified", tares, "-o", table) == 0
     out = capsys.readouterr().out
     assert "weight OK in" in out
