@@ -1,5 +1,6 @@
 """The shared material beside the repository, and the rule that nothing else may be a reason to skip."""
 
+import gc
 import os
 from collections import Counter
 from pathlib import Path
@@ -18,20 +19,25 @@ ABSENT = "no shared data: "
 LONGEST = (
     "test_wheel.py",
     "test_fleet_program.py",
-    "test_refusals.py",
     "test_diagnose.py",
     "test_unexplained.py",
+    "test_refusals.py",
+    "test_gap.py",
+    "test_gap_first_use.py",
+    "test_step.py",
+    "test_more_data.py",
+    "test_reference_machine.py",
+    "test_gap_input.py",
     "test_identification.py",
     "test_guidance.py",
-    "test_reference_machine.py",
     "test_checkup.py",
-    "test_gap.py",
+    "test_contract.py",
     "test_own_effect.py",
-    "test_gap_first_use.py",
+    "test_attacked.py",
+    "test_withheld_trial.py",
+    "test_interrupted.py",
+    "test_crane_gap.py",
     "test_crane.py",
-    "test_gap_input.py",
-    "test_more_data.py",
-    "test_step.py",
 )
 
 
@@ -84,6 +90,11 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     place = {name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.name, len(LONGEST)))
+
+
+def pytest_collection_finish():
+    """What is collected stays until the end: the garbage collector need not look at it again and again."""
+    gc.freeze()
 
 
 class Long:

@@ -307,6 +307,7 @@ def test_identify_and_replay(capsys, runs, tmp_path):
     tares, table = tmp_path / "identified.toml", tmp_path / "estimates.csv"
     assert cylforce_("identify", runs / "moves.log", "-o", tares) == 0
     assert "boom.X" in capsys.readouterr().out
+    assert tares.with_suffix(".statistics.npz").exists()
     assert cylforce_("replay", EXCAVATOR, runs / "run.log", "--identified", tares, "-o", table) == 0
     out = capsys.readouterr().out
     assert "weight OK in" in out

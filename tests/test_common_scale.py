@@ -80,7 +80,13 @@ def test_masses_at_the_limit_of_all_their_tolerances_are_not_excluded():
 
 
 @pytest.mark.parametrize(
-    ("factor", "cause"), [(0.1, "one decimal digit"), (0.667, ""), (2.0, ""), (14.504, "psi for bar")]
+    ("factor", "cause"),
+    [
+        (0.1, "one decimal digit"),
+        (0.667, ""),
+        pytest.param(2.0, "", marks=pytest.mark.long),
+        (14.504, "psi for bar"),
+    ],
 )
 def test_pressures_that_the_data_sheet_excludes_are_refused_by_name(factor, cause):
     with pytest.raises(ValueError, match="all pressures") as refused:

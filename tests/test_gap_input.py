@@ -282,7 +282,9 @@ def test_references_that_are_none_are_named_and_the_diagnosis_goes_on(order, fol
     assert "reference_" not in warned
 
 
-@pytest.mark.parametrize(("slow", "every"), [("reference", 2), ("field", 2), ("all", 5)])
+@pytest.mark.parametrize(
+    ("slow", "every"), [("reference", 2), ("all", 5), pytest.param("field", 2, marks=pytest.mark.long)]
+)
 def test_tables_slower_than_the_machine_file_says_are_examined_at_their_own_rate(order, folder, slow, every):
     """Drawn out to 100 Hz by straight lines, 50 and 20 Hz were a faulty sensor, or load that fell out, with 97 %."""
     often = {name: every if slow in (name, "all") else 1 for name in ("reference", "field")}

@@ -29,7 +29,7 @@ FIVE_MINUTES = 300.0
 @cache
 def done(machine, seed=70):
     loaded = load(machine)
-    return commissioned(loaded, Guide(model_of(loaded), every_s=10.0), seed)
+    return commissioned(loaded, Guide(model_of(loaded), every_s=20.0), seed)
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda path: path.stem)
@@ -98,7 +98,7 @@ def test_a_loaded_bucket_is_refused_early(kg):
 
 def test_a_tool_on_the_ground_is_refused(monkeypatch):
     touching(monkeypatch, 0.1, 10e3)
-    *_, last = follow(Guide(MODEL), [samples(LOADED, 72)])
+    *_, last = follow(Guide(FEW_GUIDE.model, every_s=40.0), [samples(FEW, 72)])
     assert "something" in last.refusal
 
 

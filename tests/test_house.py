@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,9 +21,14 @@ TOP_LEVEL = {
 }
 
 
+@cache
+def parsed():
+    return modules()
+
+
 def test_circles_and_names_keep_to_the_rules():
     """The rules are those of tools/structure."""
-    assert list(broken(structure(modules()))) == []
+    assert list(broken(structure(parsed()))) == []
 
 
 def unannotated(function):
@@ -39,7 +45,7 @@ def unannotated(function):
 
 
 def test_every_function_is_annotated():
-    assert not {name: missing for name, node in functions(modules()) if (missing := unannotated(node))}
+    assert not {name: missing for name, node in functions(parsed()) if (missing := unannotated(node))}
 
 
 def test_the_top_level_is_complete_and_no_more():
@@ -66,10 +72,11 @@ def test_no_contract_of_the_floors_has_an_exception():
     assert "ignore_imports" not in (ROOT / "pyproject.toml").read_text()
 
 
-def run_with_our_conftest(folder, body):
-    """Exit status and output of pytest over one test file, with the shared folder absent."""
+def run_with_our_conftest(folder, *bodies):
+    """Exit status and output of pytest over test files, with the shared folder absent."""
     shutil.copy(ROOT / "tests/conftest.py", folder)
-    (folder / "test_it.py").write_text("import pytest\n" + body)
+    for k, body in enumerate(bodies):
+        (folder / f"test_{k}.py").write_text("import pytest\n" + body)
     command = [sys.executable, "-m", "pytest", "-q", "--shared", str(folder / "absent"), folder]
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=60)
     return done.returncode, done.stdout
@@ -82,18 +89,21 @@ def test_absent_shared_data_is_told_and_counted(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "body",
+    "bodies",
     [
-        "def test(): pytest.skip('not today')",
-        "@pytest.mark.skipif(True, reason='not here')\ndef test(): pass",
-        "pytest.importorskip('no_such_module')",
-        "def test(): pass\ndef test_other(): pytest.skip('not today')",
+        [
+            "def test(): pass\ndef test_other(): pytest.skip('not today')",
+            "@pytest.mark.skipif(True, reason='not here')\ndef test(): pass",
+        ],
+        ["pytest.importorskip('no_such_module')"],
     ],
+    ids=["in a test and by a mark", "of all there is"],
 )
-def test_any_other_skip_fails_the_run(tmp_path, body):
-    status, output = run_with_our_conftest(tmp_path, body)
+def test_any_other_skip_fails_the_run_and_is_listed(tmp_path, bodies):
+    status, output = run_with_our_conftest(tmp_path, *bodies)
     assert status == 1
-    assert "FORBIDDEN SKIPS" in output
+    listed = output.partition("FORBIDDEN SKIPS")[2]
+    assert [f"test_{k}.py" in listed for k in range(len(bodies))] == [True] * len(bodies)
 
 
 def test_systemd_accepts_the_unit(tmp_path):

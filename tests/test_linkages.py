@@ -123,6 +123,16 @@ def test_length_gives_the_angle_back(machine, ranges):
 
 
 @pytest.mark.parametrize(("machine", "ranges"), machines())
+def test_one_length_gives_the_angle_of_an_array_of_lengths(machine, ranges):
+    """Within the range and beyond it."""
+    length = machine.geometry(states(ranges)).length
+    for c, _ in over_one_joint(machine):
+        many = np.append(length[:50, c], (length[:, c].min() - 1.0, length[:, c].max() + 1.0))
+        one = [machine.joint_angle(c, float(each)) for each in many]
+        np.testing.assert_allclose(one, machine.joint_angle(c, many), atol=1e-13)
+
+
+@pytest.mark.parametrize(("machine", "ranges"), machines())
 def test_length_outside_the_range_gives_no_angle(machine, ranges):
     for c, joint in over_one_joint(machine):
         theta = np.tile(ranges.mean(axis=1), (2, 1))

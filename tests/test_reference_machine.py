@@ -410,7 +410,7 @@ def test_linkage_masses_cost_the_three_parameters_little():
 
 
 def test_commissioning_shows_every_joint_both_ways_at_several_speeds():
-    true = draw(2).run("commissioning", duration_s=90).truth
+    true = draw(2).run("commissioning", duration_s=60).truth
     for j in JOINTS:
         speed = true[f"lever.{j}"] * true[f"theta_rate.{j}"]
         for low, high in pairwise((0.02, 0.06, 0.12, 0.35)):

@@ -235,10 +235,10 @@ def test_a_table_gives_the_estimates_of_the_log(machine, tares, simulated):
     assert len(pairs) > 1000
     resolution = {str(f.signal): f.scale for pdo in machine.service.publication for f in pdo.fields}
     resolution |= {"payload_quality": 0.0, "force_quality": 0.0, "booked_count": 0.0}
-    for a, b in pairs:
-        one, other = published(a), published(b)
-        for name, step in resolution.items():
-            np.testing.assert_allclose(one[name], other[name], atol=step, err_msg=name)
+    one, other = ([published(estimate) for estimate in estimates] for estimates in zip(*pairs, strict=True))
+    for name, step in resolution.items():
+        logged, tabled = ([float(values[name]) for values in each] for each in (one, other))
+        np.testing.assert_allclose(logged, tabled, atol=step, err_msg=name)
 
 
 def test_estimates_are_written_as_a_table(folder, machine, tares, live):

@@ -59,10 +59,11 @@ def simulated(path: Path, seed: int) -> Case:
     return Case(f"simulator, {path.stem}, {seed}", "", model_of(loaded), [values])
 
 
-def reference(seed: int) -> Case:
+def reference(seed: int, seconds: float = 300.0) -> Case:
     """A reference machine in order."""
     with TemporaryDirectory() as folder:
-        path = draw(seed, friction="foreign").run("commissioning", seed=0).write(Path(folder))
+        machine = draw(seed, friction="foreign")
+        path = machine.run("commissioning", seed=0, duration_s=seconds).write(Path(folder))
         loaded = load(Path(folder) / "machine.toml")
         return Case(f"reference machine {seed}", "", model_of(loaded), list(recorded_segments(loaded, path)))
 

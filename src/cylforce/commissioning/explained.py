@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.commissioning.emptiness import CORRELATED
-from cylforce.estimation.batch import least_squares
+from cylforce.estimation.batch import converged
 from cylforce.estimation.blocks import Factors, of_row, residual_squares
 from cylforce.estimation.model import Model
 from cylforce.estimation.priors.prior import Prior
@@ -127,4 +127,4 @@ def _alone(factors: Factors, prior: Prior, r: int) -> float:
     """Return the rms residual [N m] of row r fitted without the others."""
     one = of_row(factors, r)
     size = np.sqrt(np.sum(one.triangle[..., -1] ** 2) / np.sum(one.samples))
-    return float(least_squares(one, np.array([size + 1e-9]), prior).row_error[0] + 1e-6 * size + 1e-9)
+    return float(converged(one, np.array([size + 1e-9]), prior).row_error[0] + 1e-6 * size + 1e-9)

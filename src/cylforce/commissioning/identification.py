@@ -18,7 +18,7 @@ from cylforce.commissioning.suspicion import refusal_sentence
 from cylforce.commissioning.wiring import SignalHistory, empty_history, extended_history
 from cylforce.commissioning.zeros import between_strokes, correlation
 from cylforce.estimation.attachment import with_tool
-from cylforce.estimation.batch import Fit, least_squares, predicted
+from cylforce.estimation.batch import Fit, converged, least_squares, predicted
 from cylforce.estimation.blocks import Factors, chosen, settled
 from cylforce.estimation.model import BARS, EXPECTED, FRICTION, TYPICAL, Model, Tares
 from cylforce.estimation.observation import observed_factors
@@ -302,7 +302,7 @@ def _errors(model: Model, laws: tuple[str, ...], factors: Factors, noise: Array,
     """Return the mean squared prediction error of every fold by a fit of the other folds."""
     part = model.with_laws(laws)
     fewer = chosen(factors, _columns_of(model, part))
-    memory = least_squares(fewer, noise, part.prior).memory
+    memory = converged(fewer, noise, part.prior).memory
     squares = (predicted(fewer, noise, part.prior, memory, folds == k) for k in np.unique(folds))
     return np.array([np.mean(of_fold) for of_fold in squares])
 

@@ -16,7 +16,7 @@ from cylforce.commissioning.common_scale import common_scale, rescaled
 from cylforce.commissioning.emptiness import FITTING, load_or_contact
 from cylforce.commissioning.explained import FAR, criterion, quality, row_noise, unseen
 from cylforce.commissioning.wiring import PLACES, PRESSURES, SHORT_S, Exchange, exchanges, misfit, swapped
-from cylforce.estimation.batch import least_squares
+from cylforce.estimation.batch import converged, least_squares
 from cylforce.estimation.blocks import Factors, chosen, residual_squares
 from cylforce.estimation.model import Model
 from cylforce.estimation.observation import observed_factors
@@ -111,7 +111,7 @@ def case_score(case: Case, added: int = 0) -> float:
     model, fitted = case.model, _factors(case)
     if fitted is None or not np.any(fitted.samples) or any(unseen(model, fitted)):
         return np.inf
-    values = least_squares(fitted, typical_error(fitted), model.prior).values
+    values = converged(fitted, typical_error(fitted), model.prior).values
     return criterion(model, fitted, np.sum(residual_squares(fitted, values), axis=0), values, added)
 
 

@@ -11,7 +11,7 @@ from cylforce.commissioning.common_scale import common_scale
 from cylforce.commissioning.explained import criterion, row_noise
 from cylforce.commissioning.repairs import DECISIVE, SCALE, Case, Repair, repairs, typical_error
 from cylforce.commissioning.wiring import SignalHistory, Suspicion
-from cylforce.estimation.batch import Fit, least_squares
+from cylforce.estimation.batch import Fit, converged, least_squares
 from cylforce.estimation.blocks import Factors, chosen, residual_squares
 from cylforce.estimation.model import BARS, Model
 from cylforce.estimation.observation import observed_factors
@@ -100,7 +100,7 @@ def _score_with_load(case: Case) -> float:
     if not np.any(data.samples):
         return np.inf
     wider, prior = emptiness.with_load(model, data)
-    values = least_squares(wider, typical_error(data), prior).values
+    values = converged(wider, typical_error(data), prior).values
     squares = np.sum(residual_squares(wider, values), axis=0)
     return criterion(model, wider, squares, values, len(values) - len(model.parameters))
 
@@ -118,7 +118,7 @@ def _score_with_contact(case: Case) -> float:
     clear = Factors(*(part[~touched] for part in data))
     if not np.any(clear.samples):
         return np.inf
-    values = least_squares(clear, error, model.prior).values
+    values = converged(clear, error, model.prior).values
     squares = residual_squares(data, values)
     squares[touched] = emptiness.residual_with_tip_force(
         model, Factors(*(part[touched] for part in whole)), error, values

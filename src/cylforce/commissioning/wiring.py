@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.estimation.batch import least_squares
+from cylforce.estimation.batch import converged
 from cylforce.estimation.blocks import Factors, chosen
 from cylforce.estimation.model import Model
 from cylforce.estimation.observation import observed_factors
@@ -229,7 +229,7 @@ def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
     if not np.any(samples):
         return np.inf, 0.0
     size = np.sqrt(np.sum(data.triangle[..., -1] ** 2, axis=(0, 2)) / np.maximum(samples, 1.0))
-    row_error = least_squares(data, MISFIT * size + 1.0, model.prior).row_error
+    row_error = converged(data, MISFIT * size + 1.0, model.prior).row_error
     return misfit(data, row_error), float(np.sum(samples))
 
 

@@ -54,16 +54,31 @@ def least_squares(data: Factors, row_error: Array, prior: Prior | None) -> Fit:
     row_error: (R,) standard error of the rows of each torque [N m]
     prior:     of the parameters; None: none
     """
-    if not np.any(data.samples):
-        raise ValueError("no usable rows: nothing to fit")
-    root = _prior_rows(prior, data.triangle.shape[-1] - 1)
-    found = _round(data, row_error, root, np.ones_like(data.samples), 1.0)
-    for _ in range(ROUNDS):
-        found = _round(data, row_error, root, found.trust, found.next_memory)
+    root, found = _rounds(data, row_error, prior)
     excited, weakest = _excitation(found.triangle[:, :-1], _scale(found.triangle, prior))
     covariance = _covariance(data, found, root)
     rms = _row_rms(data, found.solution.values, found.trust)
     return Fit(found.solution.values, covariance, rms, excited, weakest, found.trust, found.memory)
+
+
+class Converged(NamedTuple):
+    """What `least_squares` knows before its standard errors, see `Fit`.
+
+    values:    (K,) parameters
+    row_error: (R,) rms residual per measured torque, rows set aside included [N m]
+    memory:    number of consecutive samples whose residuals count as one independent residual
+    """
+
+    values: Array
+    row_error: Array
+    memory: float
+
+
+def converged(data: Factors, row_error: Array, prior: Prior | None) -> Converged:
+    """Return the result of `least_squares` without standard errors, in three quarters of its time."""
+    found = _rounds(data, row_error, prior)[1]
+    values = found.solution.values
+    return Converged(values, _row_rms(data, values, found.trust), found.memory)
 
 
 def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, float]:
@@ -125,6 +140,19 @@ class _Round(NamedTuple):
     memory: float
     next_memory: float
     trust: Array
+
+
+def _rounds(data: Factors, row_error: Array, prior: Prior | None) -> tuple[Array, _Round]:
+    """Return the prior's rows (..., K+1), and the last pass of reweighting.
+
+    Raises ValueError when there are no usable rows."""
+    if not np.any(data.samples):
+        raise ValueError("no usable rows: nothing to fit")
+    root = _prior_rows(prior, data.triangle.shape[-1] - 1)
+    found = _round(data, row_error, root, np.ones_like(data.samples), 1.0)
+    for _ in range(ROUNDS):
+        found = _round(data, row_error, root, found.trust, found.next_memory)
+    return root, found
 
 
 def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: float) -> _Round:

@@ -326,5 +326,7 @@ def scores(data: Factors, values: Array) -> Array:
     data:   factors of B blocks of R measured torques
     values: (K,) parameters
     """
+    if _is_nothing(data.triangle):
+        return _zeros((*data.triangle.shape[:-2], len(values)))
     left = -data.triangle @ np.append(values, -1.0)
     return np.asarray((np.swapaxes(data.triangle, -1, -2) @ left[..., None])[..., :-1, 0])

@@ -78,7 +78,7 @@ def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) 
     torque = np.where(np.logical_or(unusable(model, moved), unknown > REST_SHARE), np.nan, rows.torque)
     posture = np.diff(moved.motion.a, axis=1, prepend=0.0)
     own, tool = rows.columns[..., : len(model.parameters)], rows.columns[..., model.tool]
-    exact = np.zeros((*torque.shape, model.tool.stop + 1))
+    exact = np.broadcast_to(0.0, (*torque.shape, model.tool.stop + 1))
     noise, late = _noise(model, rows, values, first) if noisy else exact, slice(model.settle_steps, None)
     seen = (own[late], torque[late], posture[late], moved.motion.speed[late], tool[late])
     return Observed(*seen, noise[late], unknown[late] < CERTAIN_SHARE, rows.columns[late][..., model.zero])
@@ -144,16 +144,18 @@ def _stays(bad: Array, steps: int) -> Array:
     return np.asarray(since > 0.5)
 
 
-def block_factors(model: Model, seen: Observed) -> Factors:
+def block_factors(model: Model, seen: Observed, *, noisy: bool = True) -> Factors:
     """Return the triangular factors of a stretch in blocks of BLOCK_SECONDS.
 
     The columns are those of the P parameters, three of the tool and C of the pressures' zero errors, whose noise is
     neglected. The marks are in the order of `observed_factors`.
 
-    seen: filtered rows of the stretch
+    seen:  filtered rows of the stretch
+    noisy: see `observe`
     """
-    columns = np.concatenate([seen.columns, seen.tool, seen.zero], axis=-1)
-    noise = np.concatenate([seen.noise[..., :-1], np.zeros_like(seen.zero), seen.noise[..., -1:]], axis=-1)
+    columns, noise = np.concatenate([seen.columns, seen.tool, seen.zero], axis=-1), None
+    if noisy:
+        noise = np.concatenate([seen.noise[..., :-1], np.zeros_like(seen.zero), seen.noise[..., -1:]], axis=-1)
     rows = blocks.BlockRows(columns, seen.torque, noise, seen.certain, _marks(seen))
     return row_factors(rows, int(BLOCK_SECONDS * model.filters.rate_hz))
 
@@ -193,7 +195,7 @@ def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = T
     """
     step = int(CHUNK_SECONDS * model.filters.rate_hz)
     seen = (observe(model, piece, k * step, noisy=noisy) for k, piece in enumerate(chunks(model, segments)))
-    parts = (block_factors(model, stretch) for stretch in seen)
+    parts = (block_factors(model, stretch, noisy=noisy) for stretch in seen)
     try:
         return joined(parts, MOST_BLOCKS)
     except ValueError:

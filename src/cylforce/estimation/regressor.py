@@ -7,12 +7,26 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cylforce.effects.effect import Effect, Parameter
 from cylforce.estimation.filters import Filter, first_order, poles, second_order
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion, joint_torque
 from cylforce.signals.estimate import Array
+
+
+class SparseHalves(NamedTuple):
+    """Columns of several effects side by side: torque = d/dt (momentum @ p[places]) + static @ p.
+
+    momentum: (..., R, M) columns of the M parameters whose effects have a momentum
+    places:   (M,) numbers of these parameters among all P, ascending
+    static:   (..., R, P) columns of all parameters
+    """
+
+    momentum: Array
+    places: NDArray[np.intp]
+    static: Array
 
 
 @dataclass(frozen=True)
@@ -34,10 +48,15 @@ class Regressor:
         return tuple(p.name for p in self.parameters)
 
     @cached_property
-    def _places(self) -> tuple[Array | slice, ...]:
+    def _numbers(self) -> tuple[list[int], ...]:
         """For each effect the numbers of its columns among all P."""
-        places = {p: k for k, p in enumerate(self.parameters)}
-        return tuple(_compact([places[p] for p in e.parameters(self.machine)]) for e in self.effects)
+        numbers = {p: k for k, p in enumerate(self.parameters)}
+        return tuple([numbers[p] for p in e.parameters(self.machine)] for e in self.effects)
+
+    @cached_property
+    def _places(self) -> tuple[Array | slice, ...]:
+        """For each effect the numbers of its columns among all P, as an index."""
+        return tuple(map(_compact, self._numbers))
 
     @cached_property
     def _shared(self) -> tuple[bool, ...]:
@@ -59,17 +78,29 @@ class Regressor:
 
         moving: motion of the machine at one or more instants (...)
         """
-        shape = (*moving.q.shape[:-1], self.machine.size, len(self.parameters))
-        momentum, static = np.zeros(shape), np.zeros(shape)
-        for effect, places, shared in zip(self.effects, self._places, self._shared, strict=True):
-            part = effect.halves(self.machine, moving)
+        found = self.halves(moving)
+        momentum = np.zeros(found.static.shape)
+        momentum[..., found.places] = found.momentum
+        return momentum, found.static
+
+    def halves(self, moving: Motion) -> SparseHalves:
+        """Return the columns of `both_halves`, those of the momentum only for effects that have one."""
+        parts = [effect.halves(self.machine, moving) for effect in self.effects]
+        lead, shape = moving.q.shape[:-1], (*moving.q.shape, len(self.parameters))
+        static = np.zeros(shape)
+        for part, places, shared in zip(parts, self._places, self._shared, strict=True):
             if shared:
                 static[..., places] += part.static
             else:
                 static[..., places] = part.static
-            if part.momentum is not None:
-                momentum[..., places] += part.momentum
-        return momentum[..., self._rows, :], static[..., self._rows, :]
+        moved = [
+            (part.momentum, own) for part, own in zip(parts, self._numbers, strict=True) if part.momentum is not None
+        ]
+        numbers = sorted({number for _, own in moved for number in own})
+        momentum = np.zeros((*lead, self.machine.size, len(numbers)))
+        for columns, own in moved:
+            momentum[..., _compact([numbers.index(number) for number in own])] += columns
+        return SparseHalves(momentum[..., self._rows, :], np.array(numbers, dtype=np.intp), static[..., self._rows, :])
 
     def products(self, moving: Motion, values: Array, without: Collection[Effect] = ()) -> tuple[Array, Array]:
         """Return momentum [N m s] and static torque [N m] of the effects at these parameters, each (..., R).
@@ -156,11 +187,6 @@ class FilteredRegressor:
         """Delay of the rows behind the motion [s], for slow signals."""
         return self.mean.delay * self.dt
 
-    def inputs(self, moving: Motion) -> tuple[Array, Array]:
-        """Return momentum columns (..., R, P), and static columns with the torque as the last one (..., R, P+1)."""
-        (momentum, static), torque = self.regressor.both_halves(moving), self.regressor.torque(moving)
-        return momentum, np.concatenate([static, torque[..., None]], axis=-1)
-
     def _begun(self, static: Array) -> Array:
         """Return the state (3, ...) of the filter `mean` before the first sample `static` (...).
 
@@ -179,12 +205,13 @@ class FilteredRegressor:
 
         moving: motion of the machine, whose leading axis is time, T steps
         """
-        momentum, static = self.inputs(moving)
-        rows = self.mean.run(self._begun(static[0]), static)[1]
-        # Most effects have no momentum. Their columns are zero and stay so: to filter them takes a third of the time.
-        some, moved = np.any(momentum, axis=(0, 1)), np.zeros(momentum.shape)
-        moved[..., some] = self.slope.run(self.slope.rest(momentum[0][..., some]), momentum[..., some])[1]
-        return Rows(rows[..., :-1] + moved, rows[..., -1])
+        halves, torque = self.regressor.halves(moving), self.regressor.torque(moving)
+        columns = self.mean.run(self._begun(halves.static[0]), halves.static)[1]
+        # Most effects have no momentum, that of others is zero where nothing turns: only the rest is filtered.
+        turns = np.any(halves.momentum, axis=(0, 1))
+        momentum = halves.momentum[..., turns]
+        columns[..., halves.places[turns]] += self.slope.run(self.slope.rest(momentum[0]), momentum)[1]
+        return Rows(columns, self.mean.run(self._begun(torque[0]), torque)[1])
 
     def left(self, moving: Motion, values: Array) -> Array:
         """Return the residual of the filtered torque (T, R) [N m] along a recording, for parameters `values` (P,)."""

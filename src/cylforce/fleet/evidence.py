@@ -14,7 +14,7 @@ from cylforce.commissioning.wiring import MISFIT, misfit
 from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors, TorqueRows
 from cylforce.effects.library import Proposal
-from cylforce.estimation.batch import least_squares
+from cylforce.estimation.batch import converged, least_squares
 from cylforce.estimation.blocks import Factors, factors, joined, of_row, stacked_triangle
 from cylforce.estimation.model import Model
 from cylforce.estimation.priors.prior import Prior
@@ -83,7 +83,7 @@ def evidence(model: Model, recorded: Sequence[Recording]) -> Evidence:
     A recording `at_work` gives no information about the machine. Raises ValueError, in a sentence, where nothing moves.
     """
     first = _factors(Regressors(model, model.prior.mean), recorded, ())
-    tares = least_squares(first, row_noise(first, model.prior), model.prior).values
+    tares = converged(first, row_noise(first, model.prior), model.prior).values
     data = _factors(Regressors(model, tares), recorded, sensor_errors(model.machine))
     prior = prior_of(model)
     noise = row_noise(data, prior)

@@ -5,9 +5,12 @@ link; `local` is x + i z in that body's frame. A linkage may reach over several 
 every gradient has one entry per joint.
 """
 
+from cmath import exp
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
+from math import nan, sqrt
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -59,10 +62,34 @@ class Linkage(Protocol):
         """Return the places (...,) [m] of all pins of the linkage at a pose, by name, for a drawing."""
         ...
 
+    def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
+        """Return the eye [m] and its derivative by one joint angle [m/rad], as `driven` of plain numbers.
+
+        NaN where the linkage cannot be closed.
+
+        places: of the K pins [m]
+        moved:  their derivatives [m/rad]
+        """
+        ...
+
     def stretch(self, at: Pose) -> Stretch:
         """Return length, gradient and transmission at a pose; NaN where the linkage cannot be closed."""
         stretch = Linkages((self,)).stretch(at)
         return Stretch(stretch.length[..., 0], stretch.gradient[..., 0, :], stretch.transmission[..., 0])
+
+    def over_one_joint(self, joint: complex, angle: float) -> tuple[float, float]:
+        """Return length [m] and d(length)/d(angle) [m/rad] of a cylinder that acts on one joint, of plain numbers.
+
+        joint: place of the joint in the frame of the body before it [m]
+        angle: of the joint [rad]
+        """
+        turn, before = exp(1j * angle), min(body for body, _ in self.pins)
+        arms = [turn * local if body > before else 0j for body, local in self.pins]
+        places = [joint + arm if body > before else local for (body, local), arm in zip(self.pins, arms, strict=True)]
+        moved = [1j * arm for arm in arms]
+        eye, eye_moved = self.eye_of(places, moved)
+        line = eye - places[0]
+        return abs(line), (line.conjugate() * (eye_moved - moved[0])).real / abs(line)
 
 
 @dataclass(frozen=True)
@@ -134,6 +161,10 @@ class Triangle(Linkage):
         """Return the second pin as the eye."""
         return Eye(pins.place[..., 1], pins.gradient[..., 1, :], 1.0)
 
+    def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
+        """Return the second pin as the eye."""
+        return places[1], moved[1]
+
     def places(self, at: Pose) -> dict[str, Complex]:
         """Return foot and eye."""
         place = points(at, fixed(self.pins, at.turn.shape[-1] - 1)).place
@@ -174,6 +205,19 @@ class FourBar(Linkage):
         gradient = pins.gradient[..., 1, :] + 1j * eye[..., None] * spin
         place = pins.place[..., 1] + eye
         return Eye(place, gradient, np.abs(sine) / (self.rocker_length * self.link_length))
+
+    def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
+        """Return the eye, as in `driven`."""
+        base, apart = places[2] - places[1], moved[2] - moved[1]
+        span = abs(base)
+        along = (span * span + (self.rocker_length**2 - self.link_length**2)) / (2.0 * span)
+        square = self.rocker_length**2 - along * along
+        if not square > 0.0:  # the circles do not meet, or touch at a dead point
+            return complex(nan, nan), complex(nan, nan)
+        arm = base / span * (along + 1j * self.side * sqrt(square))
+        bar = arm - base
+        spin = (bar.conjugate() * apart).real / (arm.conjugate() * bar).imag
+        return places[1] + self.eye * arm, moved[1] + 1j * self.eye * arm * spin
 
     def places(self, at: Pose) -> dict[str, Complex]:
         """Return foot, rocker pin, link pin, rocker end, and the cylinder's eye where it is not the rocker's end."""

@@ -250,12 +250,26 @@ class Machine:
             raise ValueError(f"cylinder {self.cylinders[c].name} acts on several joints: its length gives no one angle")
         (j,) = self.spans[c]
         wanted = np.asarray(length, dtype=np.float64)
+        if wanted.ndim == 0:
+            return np.asarray(self._one_joint_angle(c, j, float(wanted), table))
         theta = np.zeros((*wanted.shape, self.size))
         theta[..., j] = np.interp(wanted, *table, left=np.nan, right=np.nan)
         for _ in range(NEWTON_STEPS):
             stretch = self.cylinders[c].linkage.stretch(self.pose(theta))
             theta[..., j] -= (stretch.length - wanted) / stretch.gradient[..., j]
         return theta[..., j]
+
+    def _one_joint_angle(self, c: int, j: int, length: float, table: tuple[Array, Array]) -> float:
+        """Return `joint_angle` of one length: arrays of one element take ten times as long as plain numbers.
+
+        The bodies of the joint are seen from the one before it, whatever the other joints' angles.
+        """
+        linkage, joint = self.cylinders[c].linkage, complex(self.lengths[j - 1]) if j else 0j
+        angle = float(np.interp(length, *table, left=np.nan, right=np.nan))
+        for _ in range(NEWTON_STEPS):
+            reached, slope = linkage.over_one_joint(joint, angle)
+            angle -= (reached - length) / slope
+        return angle
 
     def cylinder_force(self, c: int, head: Array | float, rod: Array | float) -> Array | float:
         """Return the force F = p_head A_head - p_rod A_rod (...,) [N] of cylinder c, positive when it pushes.

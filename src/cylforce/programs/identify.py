@@ -20,8 +20,6 @@ from cylforce.files.atomic import RecordingError, Report, check_outputs, warn
 from cylforce.files.logfile import file_sha256
 from cylforce.files.logreader import log_header
 from cylforce.mechanics.installation import STANDARD
-from cylforce.programs.common.gap_machine import learnt_machine
-from cylforce.programs.common.machine_statistics import statistics_path, write_statistics
 from cylforce.programs.common.progress import Watch, silent
 from cylforce.programs.common.readings import (
     calibrated,
@@ -33,7 +31,6 @@ from cylforce.programs.common.readings import (
 )
 from cylforce.programs.common.recorded import SHORTEST_S, at_own_rate, chosen
 from cylforce.programs.common.tables import print_table
-from cylforce.programs.common.usual_file import usual_parameters
 from cylforce.settings.identified import read_identified, seal_again, write_attachment, write_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
@@ -97,6 +94,10 @@ def run_statistics(
     The recordings of the identification are read once more; a lift of a known weight counts with its load. Raises
     RecordingError or ValueError.
     """
+    # here, because an identification without statistics does without the diagnosis
+    from cylforce.programs.common.gap_machine import learnt_machine
+    from cylforce.programs.common.machine_statistics import statistics_path, write_statistics
+
     loaded, _ = at_own_rate(loaded, recordings)
     loads = {how.lift.name: how.known_kg} if how.lift is not None and how.known_kg is not None else {}
     paths = [*recordings, *([how.lift] if how.lift is not None else [])]
@@ -137,7 +138,11 @@ def _warn(sentences: Sequence[str]) -> None:
 
 def _model(loaded: Loaded, how: How) -> Model:
     model = model_of(loaded)
-    return model if how.usual is None else replace(model, usual=usual_parameters(how.usual, model.machine))
+    if how.usual is None:
+        return model
+    from cylforce.programs.common.usual_file import usual_parameters  # here, as the diagnosis in `run_statistics`
+
+    return replace(model, usual=usual_parameters(how.usual, model.machine))
 
 
 def _attached(
