@@ -362,6 +362,13 @@ class FieldQuestion:
         whole[: len(values)] += values
         return self._keeping(replace(self, machine=replace(self.machine, values=whole), free=True))
 
+    def without_grams(self) -> "FieldQuestion":
+        """Return the question without blocks and Gram matrices, tens of megabytes that are computed again if needed."""
+        other = replace(self)
+        kept = ("_return_levels", "_supports")
+        other.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        return other
+
     def _keeping(self, other: "FieldQuestion", *more: str) -> "FieldQuestion":
         """Return another question of the same rows with what was computed from the rows for this one.
 
@@ -1307,7 +1314,7 @@ def corrected(candidate: Candidate) -> Candidate:
         case = other.likelihood()
         if float(np.sum(case.gram.rows)) < KEPT_ROWS * rows:
             break  # at these magnitudes the machine could not have moved so
-        found = Candidate(case.hypothesis(now.forms, now.noise, start.doubt), other)
+        found = Candidate(case.hypothesis(now.forms, now.noise, start.doubt), other.without_grams())
         if np.linalg.norm(found.hypothesis.sizes - now.sizes) < STILL * np.linalg.norm(found.hypothesis.sizes):
             break
     return found
