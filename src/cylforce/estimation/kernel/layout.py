@@ -100,8 +100,8 @@ class RowLayout:
 class LiftLayout:
     """Places in the state of a lift (`weighed.take`): recursive least squares of its load (m, m x, m z, J).
 
-    factor:     (4, 4) triangle R of the information R'R on the load
-    right:      (4,) right-hand side beside it
+    factor:     (4, 4) upper triangle U of the information U'U on the load
+    right:      (4,) right-hand side z: U load = z
     values:     (4,) estimate for zero drift [kg, kg m, kg m, kg m^2]
     covariance: (4, 4) of the estimate
     gram:       (4, P + D) sum over the rows of load columns times tare and drift columns, over the row's variance: the
@@ -123,8 +123,8 @@ class GateLayout:
 
     columns:  (R, 4) of the load
     torque:   (R,) residual torque before the drift is subtracted [N m]
-    variance: (R,) with which it is taken [N^2 m^2]
-    taken:    (R,) 1 where the row is taken into the lift
+    variance: (R,) of the error of this torque, with which the row is weighted [N^2 m^2]
+    taken:    (R,) 1 where the row is used for the load of the lift
     rested:   (R,) number of samples for which each row has been at rest, less those in motion since
     size:     of all numbers
     """
@@ -163,24 +163,28 @@ class ConclusionLayout:
 
 
 class DriftLayout:
-    """Places in an update of D drifts (`drifting.update_drift`), of which the information has N unknowns.
+    """Places in the result of an update of D drifts (`drifting.update_drift`), of which the information has N unknowns.
 
-    factor:     (N, N) triangle R of the information R'R
-    right:      (N,) right-hand side beside it
-    values:     (D,) drift
+    A drift is the change of a friction or a pressure zero since the identification. Carry-back is the material that
+    stays in the emptied bucket; a return is the motion with it to the next dig.
+
+    factor:     (N, N) upper triangle U of the information U'U
+    right:      (N,) right-hand side z: U unknowns = z
+    values:     (D,) drift of frictions [N, N s/m] and pressure zeros [N]
     covariance: (D, D) of the drift
-    scale:      (2,) variance of friction and of zeros in units of the prior's
-    mass:       what the empty bucket would show without the adaptation [kg]
+    scale:      (2,) variance of this machine's frictions, and that of its zeros, in units of the prior variances
+    mass:       that the empty bucket would show without the adaptation [kg]
     size:       of all numbers
     """
 
     def __init__(self, drifts: int) -> None:
         """Compute the places of the parts of the adaptation's result, for D `drifts` of friction and pressure zeros.
 
-        The parts follow one another in one array: triangle (N, N) and right-hand side (N,) of the information on N
-        unknowns, drift (D,), its covariance (D, D), its scale (2,), and the mass. The N = 5 + D unknowns are the
-        carry-back of this return less the usual one, as a load (4), the usual carry-back (1), and the drifts (D)."""
-        n, d = DRIFT + drifts, drifts
+        The parts follow one another in one array: factor (N, N) and right-hand side (N,) of the information on N
+        unknowns, drift (D,), its covariance (D, D), the scale (2,) of the priors, and the mass [kg]. The N = 5 + D
+        unknowns are the deviation of this return's carry-back from the usual one, as a load m, m x, m z, J (4); the
+        mass of the usual carry-back (1), whose shape is fixed; and the drifts (D)."""
+        n, d = DRIFT + drifts, drifts  # DRIFT: the five unknowns of the carry-back
         ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
         self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])
         self.mass = ends[-1]
@@ -210,16 +214,16 @@ class SampleLayout:
 
     values:  (S,) values [SI]
     reasons: (S,) reason why each is not usable, as a number of `Reason`
-    late:    reason why one of them is late, as a number of `Reason`
-    stepped: number of signals that stepped
+    late:    reason why a signal, usable still, has no recent value, of the last such signal, as a number of `Reason`
+    stepped: number of signals whose value jumped implausibly and stayed there
     size:    of all numbers
     """
 
     def __init__(self, signals: int) -> None:
-        """Compute the places of the parts in the sample of a tick, for S `signals`.
+        """Compute the places of the parts in the sample of a tick (an instant of the fixed step), for S `signals`.
 
-        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason why one of them is late,
-        number of stepped signals."""
+        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason why the last late one is
+        late, number of signals whose value jumped implausibly and stayed there."""
         self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
         self.late, self.stepped = 2 * signals, 2 * signals + 1
         self.size = 2 * signals + 2
