@@ -35,11 +35,11 @@ LOAD = 4  # parameters of a load
 
 
 class RecognizerConstants(Constants):
-    """Constants of the recognition of one machine.
+    """Constants of the test whether this is the identified machine.
 
-    spread: (D,) standard errors of the changes of friction and zeros
+    spread: (D,) standard errors by which frictions [N, N s/m] and zeros [N] may have changed on the same machine
     memory: number of consecutive samples that count as one independent sample
-    prior:  (4, 4) prior information on a load
+    prior:  (4, 4) prior information on a load m, m x, m z, J
     size:   K, number of columns of a block: load, D changes, residual
     block:  number of steps of a block
     """
@@ -77,8 +77,8 @@ class Recognizer(Estimator):
     rows:      number of rows of the running block
     steps:     number of steps of the running block
     sum:       (K-4, K-4) sum of the products of earlier blocks, their loads eliminated, faded
-    weight:    number of independent samples of these blocks, faded
-    blocks:    number of these blocks
+    weight:    number of independent samples of these blocks, faded likewise
+    blocks:    number of these blocks, not faded
     misfits:   number of results in a row above LIMIT
     another:   whether this is another machine
     """

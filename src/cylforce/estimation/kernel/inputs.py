@@ -279,7 +279,7 @@ def check_value(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw:
     new level is accepted.
 
     t_us:   at which the value was received [us]
-    slot:   number of the value's place in its PDO (`KernelInputs`)
+    slot:   number of the field of a PDO that carries the value, among all such fields (`KernelInputs`)
     raw:    value, not scaled
     moving: 1 where a repeated value means that the sensor is frozen, else 0
 

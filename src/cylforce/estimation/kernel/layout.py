@@ -52,7 +52,7 @@ class FilterLayout:
     raw:     (D,) last channels
     smooth:  (3, D) the last three outputs of their low-pass, oldest first
     waiting: (R,) steps for which a row is not used, because its filters still contain an unusable lever
-    begin:   the numbers that are set before the first step: channels, their low-pass and its outputs
+    begin:   the numbers that are set before the first step: last channels, state of their low-pass and its outputs
     """
 
     def __init__(self, sizes: Sizes) -> None:
@@ -77,10 +77,11 @@ class RowLayout:
     torque:       (R,) torques of the instant [N m]
     change:       (R, K) time derivative of the columns of inertia [1/s]
     reversing:    (C,) 1 where a cylinder is about to reverse
+    levers:       (C, R) lever of each cylinder about the joint of each row [m/rad]
     place:        x, z of the tool from the first pin [m]
     velocity:     of the tool, x, z [m/s]
     usable:       (R,) 1 where a row can be used
-    speed:        (C,) of the cylinders [m/s]
+    speed:        (C,) of the cylinders [m/s], extending positive
     """
 
     def __init__(self, sizes: Sizes) -> None:
@@ -146,9 +147,9 @@ class ConclusionLayout:
     error:            its standard error [kg]
     x, z:             centre of the load [m]
     x_error, z_error: standard errors of the centre [m]
-    drifted:          standard error of the first moment by the drift [kg m]
-    size:             of all numbers; the last ones are (P + D,) change of the mass per unit of each tare and drift,
-                      sign reversed
+    drifted:          standard error of the load's first moment by that of the drift [kg m]
+    size:             of all numbers; the last ones are (P + D,) change of the mass [kg] per unit of each tare and
+                      drift, sign reversed
     """
 
     def __init__(self, parameters: int, drifts: int) -> None:

@@ -150,8 +150,8 @@ def gate(
     It fits if the mean over the usable rows of innovation^2 / variance is at most `s.gate`. The innovation is the
     residual torque less that of the load so far. Its variance is that of the row, of the load, of the drift (`s.cold`
     standard errors, but at most `s.drifted` times the row's variance) and of friction at rest (`s.break_away` standard
-    errors). A row that has been at rest for more than `s.longest_rest` steps is not taken into the lift: its friction
-    is one unknown for the whole rest.
+    errors). A row that has been at rest for more than `s.longest_rest` steps is not used for the load: its friction is
+    one unknown for the whole rest.
 
     Read:
     rows:             (R, K) columns; then (R,) measured torques [N m]
@@ -165,9 +165,9 @@ def gate(
     lift:             state of the lift (`LiftLayout`)
 
     Written:
-    work:             (8, R) (`GateLayout`): columns of the load (R, 4); torque before the drift is subtracted (R,)
-                      [N m]; variance with which it is taken (R,) [N^2 m^2]; 1 where a row is to be taken, else 0 (R,);
-                      `rested` after this instant (R,)
+    work:             (8, R) (`GateLayout`): columns of the load (R, 4); residual torque before the drift is
+                      subtracted (R,) [N m]; variance of its error, by which it is weighted (R,) [N^2 m^2]; 1 where a
+                      row is to be used for the load, else 0 (R,); `rested` after this instant (R,)
     """
     load = s.short_work
     columns_of_load(s, rows, s.k, work)
@@ -212,8 +212,8 @@ def take(
     Read:
     rows:     (R, K) columns; then (R,) measured torques [N m]
     residual: of the instant (`residual_torque`), of which only the columns (R, D) of the drift are used
-    work:     results of `gate` (`GateLayout`): columns of the load (R, 4), torque before the drift is subtracted (R,)
-              [N m], its variance (R,) [N^2 m^2], 1 where a row is to be taken (R,)
+    work:     results of `gate` (`GateLayout`): columns of the load (R, 4), residual torque before the drift is
+              subtracted (R,) [N m], its variance (R,) [N^2 m^2], 1 where a row is to be used (R,)
 
     Read and written:
     lift:     state of the lift (`LiftLayout`)

@@ -32,10 +32,10 @@ IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion, as
 FRICTION = 0.5
 UNKNOWN = FRICTION / EXPECTED.friction - 1.0  # ratio of that to the spread between strokes, less 1
 BAR = 1e5  # Pa
-# m/s of the fastest cylinder, as `pipeline.MOVING`. At rest the force of the ground may resemble a constant error,
-# with any friction
+# speed [m/s] of the fastest cylinder below which the machine is at rest, as `pipeline.MOVING`. At rest the force of the
+# ground may resemble a constant error, with any friction
 SLOWEST = 0.005
-TILTED = 1e-3  # rad by which an angle is shifted to find its column
+TILTED = 1e-3  # rad by which an angle is shifted to find its column: the torque per radian of its error
 LOAD = 4  # parameters of a load
 CONTACT = 5.0  # mean squared residual of a block from which on no load explains it, as in `recognition`
 LEAST, MOST = -0.05, 2.0  # times the rated payload: mass that can hang in a bucket; below EMPTY_BELOW it is empty
@@ -137,9 +137,10 @@ class BlockConstants(Constants):
     rated:         rated payload [kg]
     stroke_errors: (D,) standard errors of the drift between strokes: frictions [N, N s/m], then zeros [N]
     frictions:     F, number of the drifts that are frictions; the others are zeros
-    prior:         (4 + D,) information on load and usual changes
-    memory:        number of samples that count as one independent sample
-    daily:         (D,) standard errors of the drift from day to day
+    prior:         (4 + D,) diagonal of the prior information on the load and on the changes of frictions and zeros; the
+                   unit of a change is its entry of `stroke_errors`
+    memory:        number of consecutive samples that count as one independent sample
+    daily:         (D,) standard errors of the drift from day to day: frictions [N, N s/m], then zeros [N]
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
@@ -252,7 +253,8 @@ class BlockGatherer(Estimator):
 
     constants: of the machine
     load:      (4,) estimated in the previous block; zero in contact
-    gram:      (K, K) products of the running block's rows [load | usual changes | errors | residual], flat
+    gram:      (K, K) products of the running block's rows [load | changes of friction and zeros | errors | residual],
+               flat
     last:      (K, K) products of the previous block's rows
     errors:    (R, H) torque per unit of each error at the last sample [N m]
     rows:      number of rows of the running block

@@ -58,7 +58,7 @@ RESOLVED = 100.0  # Pa: less is not resolved by any such sensor; 0.00025 % of 40
 
 WRONGLY = 0.01  # probability with which the suspicion of a real fault ends (Wald's sequential test); by convention
 ENOUGH = -2.0 * log(WRONGLY)  # sum of votes, twice the log likelihood ratio, that ends a suspicion
-MOST = ENOUGH / VOTES  # of one second: several must agree
+MOST = ENOUGH / VOTES  # largest vote of one second: at least VOTES of them must agree
 
 Pairs = tuple[tuple[int, int], ...]
 
