@@ -258,16 +258,16 @@ class InputLayout:
         self.second_us = slice(self._pdos + DOUBLED_US, self._nodes, SENDER)
 
     def signal(self, number: int) -> slice:
-        """Return the place of a signal, in the order of `senders.Channel`."""
+        """Return the place of a signal, in the order of `senders.channels.Channel`."""
         return slice(SIGNAL * number, SIGNAL * (number + 1))
 
     def pdo(self, number: int) -> slice:
-        """Return the place of a PDO, in the order of `senders.PdoRate`."""
+        """Return the place of a PDO, in the order of `senders.channels.PdoRate`."""
         begin = self._pdos + SENDER * number
         return slice(begin, begin + SENDER)
 
     def node(self, number: int) -> slice:
-        """Return the place of a node, in the order of `senders.LastHeartbeat`."""
+        """Return the place of a node, in the order of `senders.channels.LastHeartbeat`."""
         begin = self._nodes + SENDER * number
         return slice(begin, begin + SENDER)
 
