@@ -184,7 +184,7 @@ class DriftLayout:
         The parts follow one another in one array: factor (N, N) and right-hand side (N,) of the information on N
         unknowns, drift (D,), its covariance (D, D), the scale (2,) of the priors, and the mass [kg]. The N = 5 + D
         unknowns are the deviation of this return's carry-back from the usual one, as a load m, m x, m z, J (4); the
-        mass of the usual carry-back (1), whose shape is fixed; and the drifts (D)."""
+        mass of the usual carry-back (1), whose first moments and inertia per kilogram are fixed; the drifts (D)."""
         n, d = DRIFT + drifts, drifts  # DRIFT: the five unknowns of the carry-back
         ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
         self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])

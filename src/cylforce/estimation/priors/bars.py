@@ -24,7 +24,8 @@ STEEL = 7850.0  # density [kg/m^3]
 # and 83.
 BAR, ERROR = 0.1, 0.5
 POSTURES = 7  # of each joint, over which the links represent the bars in the mean; chosen
-CLOSED = 0.15  # sine of the angle between rocker and link below which a posture does not count; `MIN_TRANSMISSION`
+# Sine of the angle between rocker and connecting link below which a posture does not count; as in `channels`
+CLOSED = 0.15
 
 
 class Guess(NamedTuple):
