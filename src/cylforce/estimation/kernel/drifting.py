@@ -336,7 +336,7 @@ def make_orthogonal(a: KernelDrift, one: Count, other: Count) -> None:
 def forget_along(a: KernelDrift, m: Count) -> None:
     """Forget information in one direction: U <- (I - (1 - sqrt(keep)) q q') U, z <- (I - (1 - sqrt(keep)) q q') z.
 
-    U'U thereby keeps the share `a.keep` of the information in the direction U'q of the unknowns. U is no triangle then.
+    The information U'U thereby loses (1 - keep) (U'q) (U'q)'. U is no triangle then.
 
     m: number of the vector q, of length 1, among the R vectors of `a.basis` (R, N)
 

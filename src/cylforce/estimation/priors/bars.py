@@ -54,7 +54,7 @@ def guess(cylinder: Cylinder, linkage: FourBar) -> Guess:
     rocker, eye, per_metre = linkage.rocker_length, linkage.eye, STEEL * BAR**2  # mass per length [kg/m] of a bar
     rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low  # kg; area_rod: of the annulus
     far = per_metre * (rocker / 2.0 + linkage.link_length / 2.0) * rocker  # of rocker and connecting link [kg m]
-    # of piston rod and second bar [kg m], for an eye at the distance of one rocker from the pin
+    # of piston rod and second bar [kg m], over the place of the eye, which is a number without a unit
     near = rod / 2.0 * rocker + (0.0 if eye == 1.0 else per_metre * abs(eye) * rocker**2 / 2.0)
     return Guess(far + near * eye.real, ERROR * (far + near * abs(eye)))
 

@@ -140,7 +140,8 @@ class StepTest:
         along = self.curves.T @ (window - window[0])
         squared = ((window - window[0]) ** 2).sum(axis=0) - (along**2).sum(axis=0)
         variance = self._noise_before(earlier)
-        plain, stepped = self._cost_of(squared + along[-1] ** 2, variance), self._cost_of(squared, variance)
+        plain = self._minus_log_likelihood(squared + along[-1] ** 2, variance)
+        stepped = self._minus_log_likelihood(squared, variance)
         most = int(np.argmax(plain - stepped))
         alone = -float(plain.sum() - plain[most] + stepped[most] + self._any_step[most])
         if plain[most] - stepped[most] <= self.least or alone <= self._blow(plain, stepped):
@@ -164,7 +165,7 @@ class StepTest:
         squared = (pieces**2).sum(axis=1) - ((self.curves[:, :-1].T @ pieces) ** 2).sum(axis=1)
         return np.asarray(np.maximum(squared.mean(axis=0) / (FREE + 1), self._noise))
 
-    def _cost_of(self, squared: Array, variance: Array | None) -> Array:
+    def _minus_log_likelihood(self, squared: Array, variance: Array | None) -> Array:
         """Return minus the log likelihood (P,) [nats] of the residual of a curve through the window of each pressure.
 
         It is relative to the likelihood at the expected sum of squares, FREE times the variance; a smaller residual has
