@@ -14,6 +14,7 @@ from cylforce.estimation.priors.bars import represented
 from cylforce.mechanics.machine import Link
 from cylforce.signals.estimate import Array
 
+FLOOR = 1e-6  # of a variance of a tool's values, relative to the value's square and absolute [SI]; chosen
 SLEWING = 0.2  # relative standard error of a data sheet's parameters of slewing, as in `Model.prior`
 
 
@@ -31,16 +32,18 @@ class Tool(NamedTuple):
 def tool_of(link: Link) -> Tool:
     """Return a link's data sheet as a tool (m, m x, m z, J about its inner pin), with its covariance.
 
-    The tolerances of mass, centre and inertia are independent standard errors, propagated to first order; a thousandth
-    of each value is added, so that the covariance can be inverted.
+    The tolerances of mass, centre and inertia are independent standard errors, propagated to first order. To the
+    variance of each value, FLOOR times its square and FLOOR [SI] are added, so that the covariance can be inverted: a
+    standard error of a thousandth of the value, and one of 0.001 kg, kg m or kg m^2.
 
-    link: mass [kg], centre of mass cx, cz [m], inertia about it [kg m^2]
+    link: mass [kg]; centre of mass cx, cz [m] from its inner pin, along and across the link; inertia about this centre
+          [kg m^2]
     """
     m, x, z = link.mass, link.cx, link.cz
     values = np.array([m, m * x, m * z, link.inertia + m * (x**2 + z**2)])
     gradient = np.array([[1.0, 0, 0, 0], [x, m, 0, 0], [z, 0, m, 0], [x**2 + z**2, 2 * m * x, 2 * m * z, 1.0]])
     errors = gradient * (link.mass_error, link.centre_error, link.centre_error, link.inertia_error)
-    return Tool(values, errors @ errors.T + np.diag(1e-6 * values**2 + 1e-6))
+    return Tool(values, errors @ errors.T + np.diag(FLOOR * values**2 + FLOOR))
 
 
 def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:

@@ -97,9 +97,10 @@ def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, floa
 def predicted(data: Factors, row_error: Array, prior: Prior | None, memory: float, out: Array) -> Array:
     """Return the mean squared prediction error per sample (B_out,) of each block left out, in squared row errors.
 
-    The B_out blocks are predicted by one fit of the other blocks.
+    The B_out blocks are predicted by one fit of the other blocks. This fit is corrected for the sensors' noise in the
+    columns (`_solved`). The mean is over the samples of all R measured torques.
 
-    data:      B blocks of R measured torques
+    data:      B blocks of rows of R measured torques, as triangular factors
     row_error: (R,) standard error of each row [N m]
     prior:     of the parameters; None: none
     memory:    number of consecutive samples that count as one independent sample

@@ -1,7 +1,7 @@
 """Least squares of any length in constant memory: a recording as triangular factors of its blocks.
 
-A block is a few seconds of a recording. Its rows [columns | observed] are stored as the triangle R of their QR
-decomposition. R is sufficient for least squares: parameters, sums of squared residuals, scores. Each block has its own
+A block is a few seconds of a recording. Its rows [columns | observed] are stored as the triangle U of their QR
+decomposition. U is sufficient for least squares: parameters, sums of squared residuals, scores. Each block has its own
 weight: zero to predict it from the other blocks, a small one for an outlier. Its residuals can be summed up (standard
 errors with correlation). When there are too many blocks, neighbours are merged."""
 
@@ -54,7 +54,7 @@ class BlockRows(NamedTuple):
 
 
 def triangle_of(rows: Array) -> Array:
-    """Return upper triangular R (K, K) with R'R = rows' rows, of rows (T, K); T may also be less than K."""
+    """Return upper triangular U (K, K) with U'U = rows' rows, of rows (T, K); T may also be less than K."""
     size = rows.shape[1]
     triangle = np.zeros((size, size))
     for first in range(0, len(rows), CHUNK):
@@ -63,7 +63,7 @@ def triangle_of(rows: Array) -> Array:
 
 
 def upper(rows: Array) -> Array:
-    """Return upper triangular R (..., K, K) of the QR decomposition of rows (..., T >= K, K)."""
+    """Return upper triangular U (..., K, K) of the QR decomposition of rows (..., T >= K, K)."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 

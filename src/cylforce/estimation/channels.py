@@ -179,7 +179,8 @@ class Channels:
     def _force(self, values: Signals, c: int) -> Array | float:
         """Return the force of cylinder c [N], positive when it pushes; 0 where it is not measured.
 
-        It is that of a force pin, or it follows from the pressures of head and rod side and their areas.
+        It is that of a force pin, or it follows from the pressures of head and rod side and their areas. On a rod side
+        without a sensor the constant pressure `Cylinder.rod_pressure` [Pa] is assumed.
 
         values: of all signals [SI]
         c:      number of the cylinder

@@ -87,11 +87,12 @@ def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) 
 def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
     """Return the noise of the rows (T, R, P+4): their change by artificial noise as strong as the sensors'.
 
-    The last axis is the P columns of the empty machine, three columns of the tool, and the torque [N m]. Rows that the
-    noise makes unusable have zeros.
+    There are R rows (measured torques) in each of the T intervals between T + 1 samples. The last axis is the P columns
+    of the empty machine, three columns of a force and a moment at the tool, and the torque [N m]. Rows that are not
+    usable with the noise have zeros.
 
     rows:   of the samples without noise
-    values: (T + 1, S) the samples [SI]
+    values: (T + 1, S) samples of all signals [SI]
     first:  step of the recording from which the noise sequence is counted
     """
     moved = model.channels.run(values + noise_like(values, first))

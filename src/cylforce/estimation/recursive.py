@@ -1,6 +1,6 @@
 """Recursive least squares in square-root information form, with forgetting in the row space of the regressor only.
 
-The information matrix R'R is stored as its triangular root R, so that it can never become indefinite, and no covariance
+The information matrix U'U is stored as its triangular root U, so that it can never become indefinite, and no covariance
 grows without bound. Without forgetting the result equals batch least squares with the same weights and the prior as
 additional rows, to rounding (mechanics/README.md, section 10).
 """
@@ -14,9 +14,9 @@ from cylforce.signals.estimate import Array
 
 
 class Root(NamedTuple):
-    """Information about P parameters; the estimate solves R values = z.
+    """Information about P parameters; the estimate solves U values = z.
 
-    factor: (P, P) triangle R of the information matrix R'R
+    factor: (P, P) upper triangle U of the information matrix U'U
     right:  (P,) right-hand side z
     """
 
@@ -30,7 +30,7 @@ def nothing_known(size: int) -> Root:
 
 
 def known(mean: Array, standard_error: Array) -> Root:
-    """Return the information of independent priors of P parameters: R = diag(1/standard error), z = R mean.
+    """Return the information of independent priors of P parameters: U = diag(1/standard error), z = U mean.
 
     mean:           (P,) prior means
     standard_error: (P,) prior standard errors
@@ -43,17 +43,17 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
 
     A row of infinite variance has no effect. Without rows the factor becomes a triangle again.
 
-    root:     information about P parameters so far: triangle R and right-hand side z
-    columns:  (R, P) of the rows
-    observed: (R,) observed values
-    variance: (R,) of the error of each row
+    root:     information about P parameters so far: triangle U and right-hand side z
+    columns:  (rows, P) coefficients of the new rows
+    observed: (rows,) observed values
+    variance: (rows,) of the error of each row
     """
     weight = 1.0 / np.sqrt(variance)
     size = root.right.size
     stacked = np.empty((size + weight.size, size + 1))
     stacked[:size, :size], stacked[:size, size] = root.factor, root.right
     stacked[size:, :size], stacked[size:, size] = columns * weight[:, None], observed * weight
-    # QR of [R z; A/s b/s]; below the diagonal: the vectors of the reflections
+    # QR of [U z; A/s b/s], with the standard errors s; below the diagonal: the vectors of the reflections
     reflected = np.linalg.qr(stacked, mode="raw")[0].T
     return Root(reflected[:size, :size] * _upper(size), reflected[:size, size].copy())
 
@@ -67,22 +67,22 @@ def _upper(size: int) -> Array:
 def forget(root: Root, columns: Array, keep: float) -> Root:
     """Return the state without a share 1 - keep of its information in the directions of some rows.
 
-    root:    information about P parameters: triangle R and right-hand side z
+    root:    information about P parameters: triangle U and right-hand side z
     columns: (rows, P) coefficients of these rows
     keep:    share of the information that remains, 0 to 1
 
     Nothing is forgotten in directions that these rows do not measure, hence nothing while the machine is parked
-    (SIFt-RLS, arXiv 2404.10844). With Q an orthonormal basis of R columns', R <- (I - (1 - sqrt(keep)) Q Q') R leaves
+    (SIFt-RLS, arXiv 2404.10844). With Q an orthonormal basis of U columns', U <- (I - (1 - sqrt(keep)) Q Q') U leaves
     the estimate unchanged."""
     seen = root.factor @ columns.T
     basis, size, _ = np.linalg.svd(seen, full_matrices=False)
     basis = basis[:, size > FORGETTING_RANK * max(float(size[0]), 1e-300)] if size[0] > 0.0 else basis[:, :0]
-    lose = (1.0 - np.sqrt(keep)) * basis  # R <- R - (1 - sqrt(keep)) Q Q' R
+    lose = (1.0 - np.sqrt(keep)) * basis  # U <- U - (1 - sqrt(keep)) Q Q' U
     return Root(root.factor - lose @ (basis.T @ root.factor), root.right - lose @ (basis.T @ root.right))
 
 
 def solution(root: Root) -> tuple[Array, Array]:
-    """Return the least-squares estimate R^-1 z (P,) and its covariance (R'R)^-1 (P, P), from the information `root`.
+    """Return the least-squares estimate U^-1 z (P,) and its covariance (U'U)^-1 (P, P), from the information `root`.
 
     Raises numpy.linalg.LinAlgError while the information is singular."""
     inverse = np.linalg.inv(root.factor)

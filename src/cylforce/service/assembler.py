@@ -59,12 +59,12 @@ class MappedPdo:
 class FrameOrder:
     """Plan for decoding frames with one order of identifiers together.
 
-    sorts:  number of each frame's PDO and 0 (length as mapped), as the kernel takes them
-    sizes:  number of bytes of each frame's data
-    layout: of the concatenated data of all frames
+    frame_kinds: number of each frame's PDO and 0 (length as mapped), as the kernel takes them
+    sizes:       number of bytes of each frame's data
+    layout:      of the concatenated data of all frames
     """
 
-    sorts: Counts
+    frame_kinds: Counts
     sizes: list[int]
     layout: Struct
 
@@ -117,8 +117,8 @@ class AssemblerConstants(Constants):
             return None
         found = [self.mapped[can_id] for can_id in ids]
         formats = [self.decoders[can_id].struct.format.removeprefix("<") for can_id in ids]
-        sorts = counts(x for pdo in found for x in (pdo.number, 0))
-        return FrameOrder(sorts, [pdo.size for pdo in found], Struct("<" + "".join(formats)))
+        frame_kinds = counts(x for pdo in found for x in (pdo.number, 0))
+        return FrameOrder(frame_kinds, [pdo.size for pdo in found], Struct("<" + "".join(formats)))
 
     def _plan(self) -> KernelInputs:
         """Return the constants of all signals and PDOs in the form that the kernel takes.
@@ -151,9 +151,11 @@ class AssemblerConstants(Constants):
         return self.kernel.KernelInputs([counts(x) for x in whole], [numbers(x) for x in parts])
 
     def _quantum(self) -> list[float]:
-        """Return the resolution (S,) of the integer that carries each signal [SI]; 0 where none does."""
+        """Return the resolution (S,) of each signal [SI]: the change of its value by one integer on the bus.
+
+        It is 0 for a signal that is sent as a float, or that no PDO carries."""
         fields = (f for node in self.service.nodes for pdo in node.pdos for f in pdo.fields)
-        step = {f.signal: f.scale for f in fields if f.code != "f"}
+        step = {f.signal: f.scale for f in fields if f.code != "f"}  # "f": float; `scale` gives SI
         return [step.get(signal.name, 0.0) for signal in self.service.machine.signals]
 
 
@@ -201,7 +203,7 @@ class Assembler(Estimator):
         elif [*map(len, parts)] != order.sizes:
             self._receive_one_by_one(frames, moving)
         else:
-            self._take(order.sorts, times, order.layout.unpack(b"".join(parts)), moving)
+            self._take(order.frame_kinds, times, order.layout.unpack(b"".join(parts)), moving)
 
     def _receive_with_unknown(self, frames: Sequence[Frame], moving: Numbers) -> None:
         """Decode sensors' frames, as many together as follow each other, and count frames that are no sensor's.
@@ -226,19 +228,21 @@ class Assembler(Estimator):
         for frame in frames:
             pdo = self.constants.mapped[frame.can_id]
             longer = len(frame.data) - pdo.size
-            sorts = array("q", (pdo.number, (longer > 0) - (longer < 0)))
-            self._take(sorts, (frame.t_us,), pdo.unpack(frame.data) if longer >= 0 else (), moving)
+            frame_kinds = array("q", (pdo.number, (longer > 0) - (longer < 0)))
+            self._take(frame_kinds, (frame.t_us,), pdo.unpack(frame.data) if longer >= 0 else (), moving)
 
-    def _take(self, sorts: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers) -> None:
+    def _take(self, frame_kinds: Counts, times: Iterable[float], raw: Iterable[float], moving: Numbers) -> None:
         """Update the state of signals and PDOs with sensors' frames: decode their values, check their plausibility.
 
-        sorts:  number of each frame's PDO, then -1, 0, 1: too short, as mapped, too long
-        times:  of each frame [us]
-        raw:    items of all frames, as numbers on the bus
-        moving: (S,) not 0 where an equal value means a frozen sensor
+        frame_kinds: number of each frame's PDO, then -1, 0, 1: too short, as mapped, too long
+        times:       of each frame [us]
+        raw:         items of all frames, as numbers on the bus
+        moving:      (S,) not 0 where an equal value means a frozen sensor
         """
-        constants, size = self.constants, len(sorts) // 2
-        constants.kernel.receive(constants.plan, self.state, sorts, size, array("d", times), array("d", raw), moving)
+        constants, size = self.constants, len(frame_kinds) // 2
+        constants.kernel.receive(
+            constants.plan, self.state, frame_kinds, size, array("d", times), array("d", raw), moving
+        )
 
     def _receive_unknown(self, frame: Frame) -> None:
         """Count a frame that is no sensor's PDO.

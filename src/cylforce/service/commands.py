@@ -31,7 +31,7 @@ TARGET, PRODUCT, NEXT, CANCEL, ACCEPT = 1, 2, 3, 4, 5  # its sub-indices that ar
 NEXT_WORD = b"next"
 TOOL = 12  # the sub-index that chooses a tool by its number
 ADD = 13  # the one that adds a bucket by hand
-PART, TRAILER = 14, 15  # the sub-indices that begin the trailer or the next part of the truck, and set its target
+PART, TRAILER = 14, 15  # the sub-indices that begin the next part of the truck (its trailer), and set its target
 COMMANDS = (TARGET, PRODUCT, NEXT, CANCEL, ACCEPT, ADD, PART, TRAILER)
 KG = 0.1  # kg, of the target's integer
 WRONG_VALUE = 0x06090030  # SDO abort code as TOO_FAR: the written value is not the signature
@@ -156,11 +156,18 @@ def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> t
 def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
     """Return the truck after a command about it, and the answer.
 
-    The sub-indices TARGET, PRODUCT, NEXT, CANCEL, ACCEPT, PART and TRAILER are handled. ADD is not: see `added`.
+    All integers are little-endian. By sub-index, the four bytes are:
 
-    The four bytes of a target are a signed integer of KG = 0.1 kg. Those of PRODUCT are the unsigned number of the
-    product. Those of CANCEL and ACCEPT are the unsigned number of the bucket's booking. Those of NEXT and PART must be
-    the word `next`."""
+    TARGET:         target of the present part of the truck, a signed integer of KG = 0.1 kg
+    TRAILER:        target of the next part, likewise
+    PRODUCT:        unsigned number of the product
+    CANCEL, ACCEPT: unsigned number of the booking of the bucket that no longer counts, or counts again
+    NEXT:           the word `next`: close this truck, open an empty one
+    PART:           the word `next`: begin the next part of this truck, its trailer or its space for another product
+
+    command: with one of these sub-indices; ADD is handled by `book_by_hand`
+    truck:   before the command
+    """
     number = int.from_bytes(command.data, "little", signed=command.sub in (TARGET, TRAILER))
     if command.sub == TARGET:
         return set_target(truck, KG * number)

@@ -140,7 +140,11 @@ def quality_byte(q: Quantity) -> float:
 def worst_quality(quantities: tuple[Quantity, ...]) -> float:
     """Return the quality byte with the worst status among x, z and magnitude of a force.
 
-    Without contact there is no direction, so that its quality does not count."""
+    The larger of two statuses is the worse; of equal ones the first quantity's byte, with its reason, is returned.
+    Without contact there is no direction, so that its quality does not count.
+
+    quantities: of a force: x, z, magnitude, direction
+    """
     return float(max(map(quality, quantities[:3]), key=lambda byte: byte & 3))
 
 

@@ -35,11 +35,11 @@ LOAD = 4  # parameters of a load
 
 
 class RecognizerConstants(Constants):
-    """Constants of the recognition of one machine.
+    """Constants of the test whether this is the identified machine.
 
-    spread: (D,) standard errors of the changes of friction and zeros
+    spread: (D,) standard errors by which frictions [N, N s/m] and zeros [N] may have changed on the same machine
     memory: number of consecutive samples that count as one independent sample
-    prior:  (4, 4) prior information on a load
+    prior:  (4, 4) prior information on a load m, m x, m z, J
     size:   K, number of columns of a block: load, D changes, residual
     block:  number of steps of a block
     """
@@ -70,15 +70,15 @@ class RecognizerConstants(Constants):
 
 @dataclass(slots=True)
 class Recognizer(Estimator):
-    """Comparison of blocks of motion with the identified machine.
+    """Test whether the machine in use is the identified one, from blocks of motion clear of the ground.
 
     constants: of the machine
     gram:      (K, K) products of the running block's rows [load | friction | zeros | residual], flat
     rows:      number of rows of the running block
     steps:     number of steps of the running block
     sum:       (K-4, K-4) sum of the products of earlier blocks, their loads eliminated, faded
-    weight:    number of independent samples of these blocks, faded
-    blocks:    number of these blocks
+    weight:    number of independent samples of these blocks, faded likewise
+    blocks:    number of these blocks, not faded
     misfits:   number of results in a row above LIMIT
     another:   whether this is another machine
     """
@@ -115,15 +115,17 @@ class Recognizer(Estimator):
         self.gram, self.rows, self.steps = ZERO * self.constants.size**2, 0, 0
 
     def update(self, residual: InstantResidual, usable: Numbers) -> None:
-        """Add one instant to the running block of motion; conclude the block after BLOCK_SECONDS.
+        """Add one instant to the running block of motion; compare the block with the machine after BLOCK_SECONDS.
 
-        A block with too few rows in motion is discarded.
+        A block in which less than the share IN_MOTION of the rows was usable and in motion is discarded.
 
-        residual: measured joint torques less those of the empty machine (tares) and the drift [N m], with their columns
+        residual: measured joint torques [N m] less those of the identified parameters of the empty machine (tares) and
+                  of the drift of friction and pressure zeros, with the columns of the tares and the drift
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         c, instant = self.constants, (residual.rows, residual.numbers, usable)
-        self.rows += c.kernel.gather(c.solver, *instant, c.spread, ZERO, 0, c.memory, self.gram)
+        error_torques, signals = ZERO, 0  # no errors of signals are examined
+        self.rows += c.kernel.gather(c.solver, *instant, c.spread, error_torques, signals, c.memory, self.gram)
         self.steps += 1
         if self.steps < c.block:
             return

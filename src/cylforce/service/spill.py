@@ -18,11 +18,11 @@ CERTAIN = 4.0  # standard errors of a change that counts; chosen: none by chance
 
 
 def information(root: Root, gram: Array) -> Array:
-    """Return information matrix R'R, right-hand side R'z and gram of a load side by side (4, 4 + 1 + K).
+    """Return information matrix U'U, right-hand side U'z and gram of a load side by side (4, 4 + 1 + K).
 
     All of them are sums over time, so that the difference of two instants is the information between them.
 
-    root: triangle R (4, 4) of the information on the load (m, m x, m z, J), and its right-hand side z (4,)
+    root: triangle U (4, 4) of the information on the load (m, m x, m z, J), and its right-hand side z (4,)
     gram: (4, K) products of the load's columns with those of K other parameters, over each row's variance
     """
     return np.column_stack([root.factor.T @ np.column_stack([root.factor, root.right]), gram])
@@ -31,7 +31,7 @@ def information(root: Root, gram: Array) -> Array:
 def root_and_gram(known: Array) -> tuple[Root, Array]:
     """Return root and gram (4, K) of the information on a load side by side: the inverse of `information`.
 
-    known: (4, 5 + K) information matrix R'R (4, 4), right-hand side R'z (4,) and gram (4, K)
+    known: (4, 5 + K) information matrix U'U (4, 4), right-hand side U'z (4,) and gram (4, K)
 
     Raises numpy.linalg.LinAlgError where it is not of full rank."""
     lower = np.asarray(np.linalg.cholesky(known[:, :4]), dtype=np.float64)

@@ -154,7 +154,7 @@ def bar_columns(
     The parameter is the bar's first moment about its near end. One kg m acts as a mass of 1/length [kg] at the far end
     less the same mass at the near one. A mass at x has, in joint j, the momentum x_j . v and the static torque
     -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with x_j the derivative of x by the joint's angle, v its velocity and rho
-    its distance from the slew axis (`riders.of_mass`).
+    its distance from the slew axis (`riders.unit_mass_torque`).
 
     column:      number of the parameter
     near, far:   riders at the ends of the bar

@@ -4,6 +4,8 @@
 Sizes: R rows (measured torques), K columns of all effects, D drifting frictions and pressure zeros, N = 5 + D unknowns:
 deviation of this return's load from the usual one (4), the usual carry-back [kg] (1), the drift (D).
 
+The information is U'U, with the upper triangle U (N, N) and its right-hand side z (N,): U unknowns = z.
+
 The result of an update is one array (`layout.DriftLayout`): triangle (N, N), right-hand side (N,), drift (D,), its
 covariance (D, D), scale (2,) and mass. The first functions give the places of these parts."""
 
@@ -25,7 +27,7 @@ from cylforce.estimation.kernel.solver import invert
 
 USUAL: Count = 4  # place of the usual carry-back, after the load's four deviations from it
 DRIFT: Count = 5  # place of the first drift, after the usual carry-back
-FORGETTING: Number = 1e-6  # times the largest: directions below it are not forgotten; as in `recursive`
+FORGETTING: Number = 1e-6  # times the longest vector: in directions below it nothing is forgotten; as in `recursive`
 
 
 @record
@@ -67,8 +69,8 @@ class KernelDrift:
     rows:      (R, N) their coefficients
     basis:     (R, N) directions in which information is forgotten; then its first row is the estimate
     row:       (N,) one row
-    matrix:    (N, N) triangle, then information
-    inverse:   (N, N) right-hand side of the triangle (N,), then inverse information
+    matrix:    (N, N) first the triangle U of the information U'U, then the information matrix
+    inverse:   (N, N) first the right-hand side z (N,) of the triangle, then the inverse information matrix
     """
 
     r: Count
@@ -274,12 +276,12 @@ def write_equation(a: KernelDrift, columns: Numbers, r: Count, m: Count) -> None
 def forget_along_rows(a: KernelDrift, number: Count) -> None:
     """Forget a share 1 - `a.keep` of the information in the directions of the rows (`recursive.forget`).
 
-    The directions are an orthonormal basis of R rows', with R the triangle. It is found by Gram and Schmidt, the
-    longest vector first, each made orthogonal twice.
+    The directions are an orthonormal basis of the vectors U row, with U the triangle. It is found by Gram and Schmidt,
+    the longest vector first, each made orthogonal twice. Vectors below FORGETTING times the longest are omitted.
 
     number: of rows in `a.rows` (R, N)
 
-    Read and written: `a.matrix`, the triangle R (N, N); `a.inverse`, which begins with its right-hand side (N,)
+    Read and written: `a.matrix`, the triangle U (N, N); the first N numbers of `a.inverse`, its right-hand side z
 
     Written: `a.basis` (R, N)
     """
@@ -332,29 +334,31 @@ def make_orthogonal(a: KernelDrift, one: Count, other: Count) -> None:
 
 @inner
 def forget_along(a: KernelDrift, m: Count) -> None:
-    """Forget information in one direction: R <- (I - (1 - sqrt(keep)) q q') R, and so the right-hand side.
+    """Forget information in one direction: U <- (I - (1 - sqrt(keep)) q q') U, z <- (I - (1 - sqrt(keep)) q q') z.
 
-    m: number of the vector q in `a.basis` (R, N)
+    The information U'U thereby loses (1 - keep) (U'q) (U'q)'. U is no triangle then.
 
-    Read and written: `a.matrix`, the triangle R (N, N); `a.inverse`, which begins with its right-hand side (N,)
+    m: number of the vector q, of length 1, among the R vectors of `a.basis` (R, N)
+
+    Read and written: `a.matrix`, the triangle U (N, N); the first N numbers of `a.inverse`, its right-hand side z
     """
-    n, share = a.n, 1.0 - sqrt(a.keep)
-    for j in range(n + 1):
+    n, lost, right = a.n, 1.0 - sqrt(a.keep), a.inverse  # `inverse` is not computed yet and holds z
+    for j in range(n + 1):  # the columns of U, then z
         along = 0.0
         for i in range(n):
-            along += a.basis[m * n + i] * (a.matrix[i * n + j] if j < n else a.inverse[i])
+            along += a.basis[m * n + i] * (a.matrix[i * n + j] if j < n else right[i])
         for i in range(n):
             if j < n:
-                a.matrix[i * n + j] -= share * along * a.basis[m * n + i]
+                a.matrix[i * n + j] -= lost * along * a.basis[m * n + i]
             else:
-                a.inverse[i] -= share * along * a.basis[m * n + i]
+                right[i] -= lost * along * a.basis[m * n + i]
 
 
 @inner
 def rotate_row(a: KernelDrift, update: Numbers, observed: Number) -> None:
     """Add one more equation, row @ unknowns = observed, to the information of least squares, by Givens' rotations.
 
-    The information is the triangle R of R'R and its right-hand side.
+    The information is the triangle U of U'U and its right-hand side z (N,).
 
     observed: right-hand side of the row, over its standard error
 
@@ -381,14 +385,14 @@ def rotate_row(a: KernelDrift, update: Numbers, observed: Number) -> None:
 def estimate_drift(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
     """Compute the drift of friction and zeros from the information of all returns, with its covariance and its spread.
 
-    It is (R'R + prior)^-1 (R'z + prior mean), limited to its physical range. The scale is the variance of this
+    It is (U'U + prior)^-1 (U'z + prior mean), limited to its physical range. The scale is the variance of this
     machine's frictions and zeros in units of the prior's.
 
     Read:
     scale:  (2,) variance of frictions and of zeros so far, in units of the prior's
 
     Read and written:
-    update: (`layout.DriftLayout`) triangle R (N, N) and right-hand side z (N,) are read; drift (D,), covariance (D, D)
+    update: (`layout.DriftLayout`) triangle U (N, N) and right-hand side z (N,) are read; drift (D,), covariance (D, D)
             and scale (2,) are written. z changes where the drift is limited
     """
     n, d, covariance, right = a.n, a.n - DRIFT, update_covariance(a), update_right(a)
@@ -415,7 +419,7 @@ def estimate_drift(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
 
 @inner
 def information_matrix(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
-    """Compute the information matrix (inverse covariance) of the N unknowns: R'R of the measured rows plus the priors.
+    """Compute the information matrix (inverse covariance) of the N unknowns: U'U of the measured rows plus the priors.
 
     The unit of each unknown is its prior standard error `a.unit`. The prior of the usual carry-back is one then. That
     of the drift is the inverse correlation over the variance of its kind, friction or zero. These priors are added anew
@@ -423,7 +427,7 @@ def information_matrix(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
 
     Read:
     scale:  (2,) variance of frictions and of zeros, in units of the prior's
-    update: begins with the triangle R (N, N)
+    update: begins with the triangle U (N, N)
 
     Written: the lower triangle of `a.matrix` (N, N)
     """
@@ -466,12 +470,12 @@ def estimate_scale(a: KernelDrift, update: Numbers) -> None:
 def limit_drift(a: KernelDrift, update: Numbers) -> None:
     """Limit the drift to its physical range, between `a.low` and `a.high` (D,) [N, N s/m, N].
 
-    Where that changes it, the right-hand side z becomes R x, so that the information gives the limited x.
+    Where that changes it, the right-hand side z becomes U x, so that the information gives the limited x.
 
     Read and written: `a.basis`, whose first N numbers are the estimate x
 
     Read and written:
-    update: (`layout.DriftLayout`) triangle R (N, N) is read; drift (D,) is written, and z (N,) if x was limited
+    update: (`layout.DriftLayout`) triangle U (N, N) is read; drift (D,) is written, and z (N,) if x was limited
     """
     n, outside = a.n, 0
     for i in range(n - DRIFT):

@@ -159,60 +159,68 @@ def node_at(p: KernelInputs, node: Count) -> Count:
 
 
 def receive(
-    p: KernelInputs, state: Numbers, sorts: Counts, number: Count, times: Numbers, raw: Numbers, moving: Numbers
+    p: KernelInputs, state: Numbers, frame_kinds: Counts, number: Count, times: Numbers, raw: Numbers, moving: Numbers
 ) -> None:
     """Update the state of signals and producers with the frames that have been received since the last call.
 
     number: of frames
 
     Read:
-    sorts:  (number, 2) PDO of each frame; then -1 if it is shorter than its mapping, 0 as long, 1 longer
-    times:  (number,) at which each was received [us]
-    raw:    values of all items of one frame after the other, not scaled; a frame that is too short has none
-    moving: (S,) 1 where a repeated value means that the sensor is frozen, else 0
+    frame_kinds: (number, 2) PDO of each frame; then -1 if it is shorter than its mapping, 0 as long, 1 longer
+    times:       (number,) at which each was received [us]
+    raw:         values of all items of one frame after the other, not scaled; a frame that is too short has none
+    moving:      (S,) 1 where a repeated value means that the sensor is frozen, else 0
 
     Read and written:
-    state:  of signals, PDOs, nodes and counters (`layout.InputLayout`)
+    state:       of signals, PDOs, nodes and counters (`layout.InputLayout`)
     """
     at = 0
     for k in range(number):
-        pdo, sort = sorts[2 * k], sorts[2 * k + 1]
-        take_frame(p, state, times[k], pdo, sort, raw, at, moving)
-        at += 0 if sort < 0 else p.items[pdo]
+        pdo, length_sign = frame_kinds[2 * k], frame_kinds[2 * k + 1]
+        take_frame(p, state, times[k], pdo, length_sign, raw, at, moving)
+        at += 0 if length_sign < 0 else p.items[pdo]
 
 
 @inner
 def take_frame(
-    p: KernelInputs, state: Numbers, t_us: Number, pdo: Count, sort: Count, raw: Numbers, raw_at: Count, moving: Numbers
+    p: KernelInputs,
+    state: Numbers,
+    t_us: Number,
+    pdo: Count,
+    length_sign: Count,
+    raw: Numbers,
+    raw_at: Count,
+    moving: Numbers,
 ) -> None:
     """Update the state with one frame: the rate of its PDO, its signals, and the counters of wrong lengths.
 
     The rate shows whether a second producer sends the same PDO (`update_rate`). A frame that is too short has no values
-    in `raw`: all its signals are refused as SHORT.
+    in `raw`: all its signals are refused as SHORT. A frame that is too long is used, and its time is stored. An item is
+    any field of a PDO, a slot one that carries a signal.
 
-    t_us:   at which it was received [us]
-    pdo:    number of its PDO
-    sort:   -1 if it is shorter than its mapping, 0 as long, 1 longer
-    raw_at: place in `raw` of its first item; not used if it is too short
+    t_us:        at which it was received [us]
+    pdo:         number of its PDO
+    length_sign: -1 if it is shorter than its mapping, 0 as long, 1 longer
+    raw_at:      place in `raw` of its first item; not used if it is too short
 
     Read:
-    raw:    values of the items of all frames that are not too short, not scaled
-    moving: (S,) 1 where a repeated value means that the sensor is frozen, else 0
+    raw:         values of the items of all frames that are not too short, not scaled
+    moving:      (S,) 1 where a repeated value means that the sensor is frozen, else 0
 
     Read and written:
-    state:  of signals, PDOs, nodes and counters (`layout.InputLayout`)
+    state:       of signals, PDOs, nodes and counters (`layout.InputLayout`)
     """
     update_rate(p, state, t_us, pdo)
     for slot in range(p.first[pdo], p.first[pdo + 1]):
         signal = SIGNAL * p.signal[slot]
-        if sort < 0:
+        if length_sign < 0:
             state[signal + REASON], state[signal + GOOD_VALUES] = SHORT, 0.0
         else:
             check_value(p, state, t_us, slot, raw[raw_at + p.item[slot]], moving[p.signal[slot]])
-    if sort != 0:
-        counters = node_at(p, nodes(p))
-        state[counters + (SHORT_FRAMES if sort < 0 else LONG_FRAMES)] += 1.0
-        if sort > 0:
+    if length_sign != 0:
+        counters = node_at(p, nodes(p))  # they follow the last node
+        state[counters + (SHORT_FRAMES if length_sign < 0 else LONG_FRAMES)] += 1.0
+        if length_sign > 0:
             state[counters + LONG_US] = t_us
 
 
@@ -271,7 +279,7 @@ def check_value(p: KernelInputs, state: Numbers, t_us: Number, slot: Count, raw:
     new level is accepted.
 
     t_us:   at which the value was received [us]
-    slot:   number of the value's place in its PDO (`KernelInputs`)
+    slot:   number of the field of a PDO that carries the value, among all such fields (`KernelInputs`)
     raw:    value, not scaled
     moving: 1 where a repeated value means that the sensor is frozen, else 0
 
@@ -461,14 +469,16 @@ def stepped(p: KernelInputs, state: Numbers, found: Numbers) -> None:
 
 
 def quantise(size: Count, limits: Numbers, values: Numbers, sent: Counts) -> None:
-    """Compute the integers that are sent of published values: the nearest one, of two the even one.
+    """Compute the integers that are sent of published values: the nearest multiple of the step, of two the even one.
+
+    A value outside its range, or NaN, is sent as the integer for "no value".
 
     size:   N, number of values
 
     Read:
-    limits: (N, 4) smallest and largest value, step of one integer, and the integer that means "no value", which is sent
-            for values outside
-    values: (N,) in the unit of the limits
+    limits: (N, 4) smallest and largest value, step of one integer, in the unit of the value; and the integer that means
+            "no value"
+    values: (N,) in the units of their limits
 
     Written:
     sent:   (N,) integers

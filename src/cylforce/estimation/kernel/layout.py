@@ -52,7 +52,7 @@ class FilterLayout:
     raw:     (D,) last channels
     smooth:  (3, D) the last three outputs of their low-pass, oldest first
     waiting: (R,) steps for which a row is not used, because its filters still contain an unusable lever
-    begin:   the numbers that are set before the first step: channels, their low-pass and its outputs
+    begin:   the numbers that are set before the first step: last channels, state of their low-pass and its outputs
     """
 
     def __init__(self, sizes: Sizes) -> None:
@@ -77,10 +77,11 @@ class RowLayout:
     torque:       (R,) torques of the instant [N m]
     change:       (R, K) time derivative of the columns of inertia [1/s]
     reversing:    (C,) 1 where a cylinder is about to reverse
+    levers:       (C, R) lever of each cylinder about the joint of each row [m/rad]
     place:        x, z of the tool from the first pin [m]
     velocity:     of the tool, x, z [m/s]
     usable:       (R,) 1 where a row can be used
-    speed:        (C,) of the cylinders [m/s]
+    speed:        (C,) of the cylinders [m/s], extending positive
     """
 
     def __init__(self, sizes: Sizes) -> None:
@@ -100,8 +101,8 @@ class RowLayout:
 class LiftLayout:
     """Places in the state of a lift (`weighed.take`): recursive least squares of its load (m, m x, m z, J).
 
-    factor:     (4, 4) triangle R of the information R'R on the load
-    right:      (4,) right-hand side beside it
+    factor:     (4, 4) upper triangle U of the information U'U on the load
+    right:      (4,) right-hand side z: U load = z
     values:     (4,) estimate for zero drift [kg, kg m, kg m, kg m^2]
     covariance: (4, 4) of the estimate
     gram:       (4, P + D) sum over the rows of load columns times tare and drift columns, over the row's variance: the
@@ -123,8 +124,8 @@ class GateLayout:
 
     columns:  (R, 4) of the load
     torque:   (R,) residual torque before the drift is subtracted [N m]
-    variance: (R,) with which it is taken [N^2 m^2]
-    taken:    (R,) 1 where the row is taken into the lift
+    variance: (R,) of the error of this torque, with which the row is weighted [N^2 m^2]
+    taken:    (R,) 1 where the row is used for the load of the lift
     rested:   (R,) number of samples for which each row has been at rest, less those in motion since
     size:     of all numbers
     """
@@ -146,9 +147,9 @@ class ConclusionLayout:
     error:            its standard error [kg]
     x, z:             centre of the load [m]
     x_error, z_error: standard errors of the centre [m]
-    drifted:          standard error of the first moment by the drift [kg m]
-    size:             of all numbers; the last ones are (P + D,) change of the mass per unit of each tare and drift,
-                      sign reversed
+    drifted:          standard error of the load's first moment by that of the drift [kg m]
+    size:             of all numbers; the last ones are (P + D,) change of the mass [kg] per unit of each tare and
+                      drift, sign reversed
     """
 
     def __init__(self, parameters: int, drifts: int) -> None:
@@ -163,24 +164,28 @@ class ConclusionLayout:
 
 
 class DriftLayout:
-    """Places in an update of D drifts (`drifting.update_drift`), of which the information has N unknowns.
+    """Places in the result of an update of D drifts (`drifting.update_drift`), of which the information has N unknowns.
 
-    factor:     (N, N) triangle R of the information R'R
-    right:      (N,) right-hand side beside it
-    values:     (D,) drift
+    A drift is the change of a friction or a pressure zero since the identification. Carry-back is the material that
+    stays in the emptied bucket; a return is the motion with it to the next dig.
+
+    factor:     (N, N) upper triangle U of the information U'U
+    right:      (N,) right-hand side z: U unknowns = z
+    values:     (D,) drift of frictions [N, N s/m] and pressure zeros [N]
     covariance: (D, D) of the drift
-    scale:      (2,) variance of friction and of zeros in units of the prior's
-    mass:       what the empty bucket would show without the adaptation [kg]
+    scale:      (2,) variance of this machine's frictions, and that of its zeros, in units of the prior variances
+    mass:       that the empty bucket would show without the adaptation [kg]
     size:       of all numbers
     """
 
     def __init__(self, drifts: int) -> None:
         """Compute the places of the parts of the adaptation's result, for D `drifts` of friction and pressure zeros.
 
-        The parts follow one another in one array: triangle (N, N) and right-hand side (N,) of the information on N
-        unknowns, drift (D,), its covariance (D, D), its scale (2,), and the mass. The N = 5 + D unknowns are the
-        carry-back of this return less the usual one, as a load (4), the usual carry-back (1), and the drifts (D)."""
-        n, d = DRIFT + drifts, drifts
+        The parts follow one another in one array: factor (N, N) and right-hand side (N,) of the information on N
+        unknowns, drift (D,), its covariance (D, D), the scale (2,) of the priors, and the mass [kg]. The N = 5 + D
+        unknowns are the deviation of this return's carry-back from the usual one, as a load m, m x, m z, J (4); the
+        mass of the usual carry-back (1), whose first moments and inertia per kilogram are fixed; the drifts (D)."""
+        n, d = DRIFT + drifts, drifts  # DRIFT: the five unknowns of the carry-back
         ends = np.cumsum([0, n * n, n, d, d * d, 2]).tolist()
         self.factor, self.right, self.values, self.covariance, self.scale = map(slice, ends[:-1], ends[1:])
         self.mass = ends[-1]
@@ -210,16 +215,16 @@ class SampleLayout:
 
     values:  (S,) values [SI]
     reasons: (S,) reason why each is not usable, as a number of `Reason`
-    late:    reason why one of them is late, as a number of `Reason`
-    stepped: number of signals that stepped
+    late:    reason why a signal, usable still, has no recent value, of the last such signal, as a number of `Reason`
+    stepped: number of signals whose value jumped implausibly and stayed there
     size:    of all numbers
     """
 
     def __init__(self, signals: int) -> None:
-        """Compute the places of the parts in the sample of a tick, for S `signals`.
+        """Compute the places of the parts in the sample of a tick (an instant of the fixed step), for S `signals`.
 
-        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason why one of them is late,
-        number of stepped signals."""
+        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason why the last late one is
+        late, number of signals whose value jumped implausibly and stayed there."""
         self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
         self.late, self.stepped = 2 * signals, 2 * signals + 1
         self.size = 2 * signals + 2
@@ -253,16 +258,16 @@ class InputLayout:
         self.second_us = slice(self._pdos + DOUBLED_US, self._nodes, SENDER)
 
     def signal(self, number: int) -> slice:
-        """Return the place of a signal, in the order of `senders.Channel`."""
+        """Return the place of a signal, in the order of `senders.channels.Channel`."""
         return slice(SIGNAL * number, SIGNAL * (number + 1))
 
     def pdo(self, number: int) -> slice:
-        """Return the place of a PDO, in the order of `senders.PdoRate`."""
+        """Return the place of a PDO, in the order of `senders.channels.PdoRate`."""
         begin = self._pdos + SENDER * number
         return slice(begin, begin + SENDER)
 
     def node(self, number: int) -> slice:
-        """Return the place of a node, in the order of `senders.LastHeartbeat`."""
+        """Return the place of a node, in the order of `senders.channels.LastHeartbeat`."""
         begin = self._nodes + SENDER * number
         return slice(begin, begin + SENDER)
 

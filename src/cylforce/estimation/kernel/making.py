@@ -125,21 +125,25 @@ def sensors(model: Model, kind: Callable[..., KernelSensors], most: float) -> Ke
 
 
 class _Table:
-    """Columns of a model's effects, by their numbers among the K of the model.
+    """Columns of a model's effects, by their numbers among the K columns of the model.
+
+    An effect is a term of the model with parameters of its own (weight of the links, friction, ...). It has one column
+    for each parameter: the torques per unit of the parameter. A force law is an effect that is a force along each
+    cylinder, with one column for each.
 
     names:  number of each column, by its name
-    rigid:  (3 N) of J, X, Z of each link
-    slewed: (2 N) of D_excess, E of each link; empty without slewing
-    laws:   kind and first column of each force law
-    shapes: two constants of each force law
-    rocker: (C,) of the weight of each cylinder's four-bar; -1: none
-    weight: (C,) of the weight of each cylinder; -1: none
+    rigid:  (3 N) columns of inertia J and first moments X, Z of each link
+    slewed: (2 N) columns of D_excess, E of each link, by the centrifugal force (`Slew`); empty without this effect
+    laws:   of each force law: its kind (`FORCE_LAWS`), then its first column
+    shapes: of each force law: two constants, `rounding` and `width`; 1 where the law has none
+    rocker: (C,) columns of the weight of each cylinder's four-bar; -1: none
+    weight: (C,) columns of the weight of each cylinder itself; -1: none
     """
 
     def __init__(self, model: Model) -> None:
-        """Find the columns of each effect of a model by their names.
+        """Find the columns of each effect of a model by their names, for the kernel, which computes them.
 
-        Raises TypeError for an effect whose law the kernel does not have."""
+        Raises TypeError for an effect that the kernel cannot compute."""
         self._model, machine = model, model.machine
         regressor = model.filtered.regressor
         self.names = {name: k for k, name in enumerate(regressor.names)}

@@ -9,11 +9,11 @@ from cylforce.estimation.kernel.restricted import Count, Counts, Number, Numbers
 
 GROUP: Count = 25  # steps of which the mean is taken, 0.25 s at 100 Hz: shorter than a stroke, longer than noise
 GROUPS: Count = 16  # groups, in motion of the cylinder, that are compared
-EACH_WAY: Count = 4  # smallest number of them in either direction
-TINY: Number = 1.0  # Pa^2: noise is not less than a pascal
+EACH_WAY: Count = 4  # smallest number of these groups in either direction of the cylinder
+TINY: Number = 1.0  # least variance of the noise [Pa^2]: one pascal, squared
 NOISES: Count = 64  # groups whose noise is stored, 16 s of motion
 LATEST: Count = 8  # last ones of them, 2 s, in which the noise may be gone already
-KNOWN: Count = 24  # groups before them whose noise must be known; chosen
+KNOWN: Count = 24  # number of groups before the LATEST whose noise must be known; chosen
 SECOND: Number = 6.0  # variance of second differences over that of white noise: 1 + 4 + 1
 MEAN: Count = 0  # tables of the groups, (G, P) each: mean [Pa]
 VARIANCE: Count = 1  # variance about it [Pa^2]
@@ -71,8 +71,8 @@ def certain_steps(
     size:      T, number of readings
     before:    number of readings before the step
     bends:     B, number of smooth curves
-    free:      degrees of freedom of the variance of the residual
-    known:     degrees of freedom of the noise known from before
+    free:      degrees of freedom of the residual of a curve with a step
+    known:     degrees of freedom from which the noise before the step is known, if it is
     least:     log likelihood ratio [nats]
     swaps:     E, number of swaps
     most:      M, largest number of pairs in one of them
@@ -80,7 +80,7 @@ def certain_steps(
     Read:
     readings:  (T, P) [Pa]
     curves:    (T, B + 1) orthonormal curves, of which the last is a step
-    noise:     (P,) variance of the sensors [Pa^2]
+    noise:     (P,) variance of the sensors' noise [Pa^2]
     pairs:     (E, M, 2) pressures that are swapped, before and after the step; -1: no more
 
     Written:
@@ -165,15 +165,16 @@ def crossed(products: Numbers, bends: Count, a: Count, b: Count) -> Number:
 
 @inner
 def unlikely(squares: Number, noise: Number, free: Number, known: Number) -> Number:
-    """Return minus the log likelihood [nats] of the residual of a curve through readings; 0 up to the sensor's noise.
+    """Return minus the log likelihood [nats] of the residual of a curve through readings.
 
-    Its variance is not known, but at least that of the noise (Student's t). The result is
-    (free + known) / 2 log((known + squares / noise) / (known + free)).
+    The distribution is Student's: (free + known) / 2 log((known + squares / noise) / (known + free)). It is relative to
+    the likelihood at the expected sum of squares, `free` times the noise, and 0 for any smaller residual. Without
+    degrees of freedom of the noise, the variance is that of the residual itself, at least the noise.
 
     squares: sum of squares of the residual [Pa^2]
-    noise:   variance of the sensor [Pa^2]
-    free:    degrees of freedom of the residual's variance
-    known:   degrees of freedom of the noise known from before
+    noise:   variance of the noise [Pa^2]
+    free:    degrees of freedom of the residual
+    known:   degrees of freedom from which the noise is known; 0: only its least value is
     """
     return 0.5 * (free + known) * log(max((known + squares / noise) / (known + free), 1.0))
 

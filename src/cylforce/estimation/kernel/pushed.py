@@ -5,11 +5,10 @@ cylinders, T unknowns at the tool: force x, z and moment (3), or the force alone
 [kg], first moments [kg m] and inertia [kg m^2] about the last pin.
 
 Two arrays occur in many functions. The first functions below give the places of their parts.
-force:        residual torque (R,), variance of friction of unknown sign (R,), force (2,), its covariance (2, 2), gain
-              (2, R), columns of the load (R, 4), weight and clearness, covariance by errors of signals (3,)
-              (`layout.ForceLayout`)
-torque_noise: covariance of the delayed torque of inertia (R, R) [N^2 m^2]; reversing (C,), 1 where a cylinder reverses,
-              then fading; learned variance (R,) [N^2 m^2]"""
+force: residual torque (R,), variance of friction of unknown sign (R,), force (2,), its covariance (2, 2), gain (2, R),
+       columns of the load (R, 4), weight and clearness, covariance by errors of signals (3,) (`layout.ForceLayout`)
+noise: errors of the torques: covariance of the delayed torque of inertia (R, R) [N^2 m^2]; reversing (C,), 1 where a
+       cylinder reverses, then fading; learned variance (R,) [N^2 m^2]"""
 
 from math import atan2, sqrt
 
@@ -78,13 +77,13 @@ def signals_at(s: KernelSolver) -> Count:
 
 @inner
 def reversing_at(s: KernelSolver) -> Count:
-    """Return the place in `torque_noise` of reversing (C,): 1 where a cylinder reverses, then fading."""
+    """Return the place in `noise` of reversing (C,): 1 where a cylinder reverses, then fading."""
     return s.r * s.r
 
 
 @inner
 def learned_at(s: KernelSolver) -> Count:
-    """Return the place in `torque_noise` of the learned variance (R,) [N^2 m^2]."""
+    """Return the place in `noise` of the learned variance (R,) [N^2 m^2]."""
     return s.r * s.r + s.c
 
 

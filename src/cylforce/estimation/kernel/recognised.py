@@ -268,22 +268,25 @@ def mass_slopes(
     work: Numbers,
     slopes: Numbers,
 ) -> None:
-    """Compute the change of the load's mass per unit of each signal's error: the first row of A^-1 B.
+    """Compute the change of the estimated mass of the load per unit of each signal's error: the first row of A^-1 B.
 
-    A (4, 4) is the information on the load, B (4, errors) its products with the torques of the errors.
+    A (4, 4) is the information on the load m, m x, m z, J, of the rows and of its prior. B (4, H) are the sums of the
+    load's columns times the torques that the errors cause. Changes of friction and zeros are not estimated.
 
-    size:       G, numbers of an equation (`gather`): load, changes, errors, residual
+    size:       G, numbers of an equation (`gather`): load (4), changes of friction and zeros (D), errors of signals
+                (H), residual (1)
     memory:     consecutive samples that count as one independent sample
     errors:     H, number of errors; they precede the last number of an equation
 
     Read:
     lift_gram:  (G, G) sum of the equations' products over the ended blocks of a lift
     block_gram: (G, G) sum over the running block
-    prior:      (4,) information on the load
+    prior:      (4,) diagonal of the prior information on the load
 
     Written:
-    work:       (32,) room for A and A^-1
-    slopes:     (H,) change of the mass [kg] per unit of each error
+    work:       (32,) room for A, of which the lower triangle is computed, and A^-1
+    slopes:     (H,) change of the mass [kg] per unit of each error [bar over the head area, rad]; positive where a
+                positive error makes the mass read too large
     """
     inverse = OF_LOAD * OF_LOAD
     for i in range(OF_LOAD):

@@ -3,7 +3,7 @@
 
 Sizes: R rows (measured torques), K columns of all effects, P tares, D drifting frictions and pressure zeros. A load is
 (m, m x, m z, J): mass [kg], first moments [kg m] and inertia [kg m^2] about the last pin. A lift is estimated by
-recursive least squares, whose state is one array (`LiftLayout`), with R'R the information on the load: triangle R
+recursive least squares, whose state is one array (`LiftLayout`), with U'U the information on the load: triangle U
 (4, 4), right-hand side (4,), estimate (4,) for zero drift, its covariance (4, 4), and the gram (4, P + D), the sum of
 load columns times tare and drift columns, each over the row's variance."""
 
@@ -150,8 +150,8 @@ def gate(
     It fits if the mean over the usable rows of innovation^2 / variance is at most `s.gate`. The innovation is the
     residual torque less that of the load so far. Its variance is that of the row, of the load, of the drift (`s.cold`
     standard errors, but at most `s.drifted` times the row's variance) and of friction at rest (`s.break_away` standard
-    errors). A row that has been at rest for more than `s.longest_rest` steps is not taken into the lift: its friction
-    is one unknown for the whole rest.
+    errors). A row that has been at rest for more than `s.longest_rest` steps is not used for the load: its friction is
+    one unknown for the whole rest.
 
     Read:
     rows:             (R, K) columns; then (R,) measured torques [N m]
@@ -165,9 +165,9 @@ def gate(
     lift:             state of the lift (`LiftLayout`)
 
     Written:
-    work:             (8, R) (`GateLayout`): columns of the load (R, 4); torque before the drift is subtracted (R,)
-                      [N m]; variance with which it is taken (R,) [N^2 m^2]; 1 where a row is to be taken, else 0 (R,);
-                      `rested` after this instant (R,)
+    work:             (8, R) (`GateLayout`): columns of the load (R, 4); residual torque before the drift is
+                      subtracted (R,) [N m]; variance of its error, by which it is weighted (R,) [N^2 m^2]; 1 where a
+                      row is to be used for the load, else 0 (R,); `rested` after this instant (R,)
     """
     load = s.short_work
     columns_of_load(s, rows, s.k, work)
@@ -212,8 +212,8 @@ def take(
     Read:
     rows:     (R, K) columns; then (R,) measured torques [N m]
     residual: of the instant (`residual_torque`), of which only the columns (R, D) of the drift are used
-    work:     results of `gate` (`GateLayout`): columns of the load (R, 4), torque before the drift is subtracted (R,)
-              [N m], its variance (R,) [N^2 m^2], 1 where a row is to be taken (R,)
+    work:     results of `gate` (`GateLayout`): columns of the load (R, 4), residual torque before the drift is
+              subtracted (R,) [N m], its variance (R,) [N^2 m^2], 1 where a row is to be used (R,)
 
     Read and written:
     lift:     state of the lift (`LiftLayout`)
@@ -341,7 +341,7 @@ def rotate(row: Numbers, observed: Number, triangle: Numbers) -> None:
     row:      (4,) coefficients of the row, over its standard error
 
     Read and written:
-    triangle: upper triangle R (4, 4) by rows, then its right-hand side (4,)
+    triangle: upper triangle U (4, 4) by rows, then its right-hand side z (4,)
     """
     for i in range(4):
         b = row[i]
@@ -358,13 +358,13 @@ def rotate(row: Numbers, observed: Number, triangle: Numbers) -> None:
 
 @inner
 def solve_triangle(s: KernelSolver, lift: Numbers) -> None:
-    """Compute the estimate R^-1 z of a load and its covariance (R'R)^-1, from the triangle R and right-hand side z.
+    """Compute the estimate U^-1 z of a load and its covariance (U'U)^-1, from the triangle U and right-hand side z.
 
     Read and written:
     lift: state of the lift (`LiftLayout`); triangle (4, 4) and right-hand side (4,) are read, estimate (4,) and
           covariance (4, 4) are written
     """
-    inverse = s.matrix  # R^-1 (4, 4)
+    inverse = s.matrix  # U^-1 (4, 4)
     for j in range(4):
         for i in range(3, -1, -1):
             total = 1.0 if i == j else 0.0

@@ -18,12 +18,14 @@ from cylforce.mechanics.machine import Cylinder, Machine
 from cylforce.mechanics.motion import motion
 from cylforce.signals.estimate import Array
 
-STEEL = 7850.0  # kg/m^3
-# m, width and thickness of a bar: 79 kg per metre; and the relative standard error of that, as a fraction. The bars of
-# an excavator of 20 t weigh some 75 to 110 kg per metre; those of a loader crane, by its makers' drawings, 26 and 83.
+STEEL = 7850.0  # density [kg/m^3]
+# Width and thickness of a bar [m], which weighs 79 kg per metre then; and the relative standard error of that mass. The
+# bars of an excavator of 20 t weigh some 75 to 110 kg per metre; those of a loader crane, by its makers' drawings, 26
+# and 83.
 BAR, ERROR = 0.1, 0.5
 POSTURES = 7  # of each joint, over which the links represent the bars in the mean; chosen
-CLOSED = 0.15  # sine of the angle between rocker and link, below which a posture does not count; as in `channels`
+# Sine of the angle between rocker and connecting link below which a posture does not count; as in `channels`
+CLOSED = 0.15
 
 
 class Guess(NamedTuple):
@@ -40,16 +42,20 @@ class Guess(NamedTuple):
 def guess(cylinder: Cylinder, linkage: FourBar) -> Guess:
     """Return the prior of the first moment [kg m] of a four-bar's rocker about its pin, positive towards its end.
 
-    The rocker is a steel bar. Half of the connecting link acts at its end, half of the piston rod at the cylinder's
-    eye. A rocker with the eye on the other side of its pin is a second bar. The relative standard error is ERROR.
+    The rocker is a square steel bar of width BAR. Half of the connecting link, such a bar too, acts at its end. Half of
+    the piston rod acts at the cylinder's eye. If the eye is not at the rocker's end, a second bar joins it to the
+    rocker's pin. The standard error is ERROR times the sum of the parts' first moments without their signs: an eye
+    behind the pin reduces the mean, but not the standard error.
 
     cylinder: with the areas of its sides [m^2] and its shortest length [m]
-    linkage:  lengths of rocker and connecting link [m]; place of the eye in units of the rocker, along it (real part)
+    linkage:  lengths of rocker and connecting link [m]; place of the eye, a complex number in units of the rocker, with
+              the real part along it; 1 is the rocker's end
     """
-    rocker, eye, section = linkage.rocker_length, linkage.eye, STEEL * BAR**2  # section: kg per metre of a bar
+    rocker, eye, per_metre = linkage.rocker_length, linkage.eye, STEEL * BAR**2  # mass per length [kg/m] of a bar
     rod = STEEL * (cylinder.area_head - cylinder.area_rod) * cylinder.length_low  # kg; area_rod: of the annulus
-    far = section * (rocker / 2.0 + linkage.link_length / 2.0) * rocker
-    near = rod / 2.0 * rocker + (0.0 if eye == 1.0 else section * abs(eye) * rocker**2 / 2.0)
+    far = per_metre * (rocker / 2.0 + linkage.link_length / 2.0) * rocker  # of rocker and connecting link [kg m]
+    # of piston rod and second bar [kg m], over the place of the eye, which is a number without a unit
+    near = rod / 2.0 * rocker + (0.0 if eye == 1.0 else per_metre * abs(eye) * rocker**2 / 2.0)
     return Guess(far + near * eye.real, ERROR * (far + near * abs(eye)))
 
 

@@ -78,7 +78,7 @@ class Lift(Estimator):
 
     @property
     def root(self) -> Root:
-        """Information R'R on the load as its triangular factor R, with the right-hand side."""
+        """Information U'U on the load as its upper triangle U, with the right-hand side z: U load = z."""
         return Root(part(self.numbers, LIFT.factor).reshape(4, 4), part(self.numbers, LIFT.right))
 
     @property

@@ -32,10 +32,10 @@ IN_MOTION = 0.6  # share of a block's rows that must be usable and in motion, as
 FRICTION = 0.5
 UNKNOWN = FRICTION / EXPECTED.friction - 1.0  # ratio of that to the spread between strokes, less 1
 BAR = 1e5  # Pa
-# m/s of the fastest cylinder, as `pipeline.MOVING`. At rest the force of the ground may resemble a constant error,
-# with any friction
+# speed [m/s] of the fastest cylinder below which the machine is at rest, as `pipeline.MOVING`. At rest the force of the
+# ground may resemble a constant error, with any friction
 SLOWEST = 0.005
-TILTED = 1e-3  # rad by which an angle is shifted to find its column
+TILTED = 1e-3  # rad by which an angle is shifted to find its column: the torque per radian of its error
 LOAD = 4  # parameters of a load
 CONTACT = 5.0  # mean squared residual of a block from which on no load explains it, as in `recognition`
 LEAST, MOST = -0.05, 2.0  # times the rated payload: mass that can hang in a bucket; below EMPTY_BELOW it is empty
@@ -128,18 +128,19 @@ class BlockConstants(Constants):
     The H signals are the forces of the cylinders in `pressed` [bar on the head side], then the angles of the joints in
     `turned` [rad].
 
-    model:     of the machine
-    tares:     of the machine
-    pressed:   numbers of the cylinders whose force is measured
-    turned:    numbers of the joints with an angle sensor
-    size:      H, number of signals
-    rows:      R, number of measured torques
-    rated:     rated payload [kg]
-    before:    (D,) standard errors of the drift between strokes, the unit of the drift's columns
-    frictions: F, number of the drifts that are frictions; the others are zeros
-    prior:     (4 + D,) information on load and usual changes
-    memory:    number of samples that count as one independent sample
-    daily:     (D,) standard errors of the drift from day to day
+    model:         of the machine
+    tares:         of the machine
+    pressed:       numbers of the cylinders whose force is measured
+    turned:        numbers of the joints with an angle sensor
+    size:          H, number of signals
+    rows:          R, number of measured torques
+    rated:         rated payload [kg]
+    stroke_errors: (D,) standard errors of the drift between strokes: frictions [N, N s/m], then zeros [N]
+    frictions:     F, number of the drifts that are frictions; the others are zeros
+    prior:         (4 + D,) diagonal of the prior information on the load and on the changes of frictions and zeros; the
+                   unit of a change is its entry of `stroke_errors`
+    memory:        number of consecutive samples that count as one independent sample
+    daily:         (D,) standard errors of the drift from day to day: frictions [N, N s/m], then zeros [N]
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
@@ -161,9 +162,9 @@ class BlockConstants(Constants):
             len(machine.rows),
             machine.rated_payload,
         )
-        self.before = drift_spread(model, tares.values, EXPECTED)
+        self.stroke_errors = drift_spread(model, tares.values, EXPECTED)
         self.frictions = len(model.changing_friction)
-        self.prior = np.concatenate([load_spread(machine) ** -2.0, np.ones_like(self.before)])
+        self.prior = np.concatenate([load_spread(machine) ** -2.0, np.ones_like(self.stroke_errors)])
         self.memory = max(1.0, correlated_samples(model.filters, tares.correlation) / EVERY)
         self.daily = daily_spread(model, tares.values)
         self._kinds = kinds(model)
@@ -181,8 +182,8 @@ class BlockConstants(Constants):
 
         drift: adapted friction and zeros, with their covariance
         """
-        found = ZERO * len(self.before)
-        self.kernel.daily_change(self.solver, drift.covariance, self.before, self.frictions, UNKNOWN, found)
+        found = ZERO * len(self.stroke_errors)
+        self.kernel.daily_change(self.solver, drift.covariance, self.stroke_errors, self.frictions, UNKNOWN, found)
         return np.frombuffer(found)
 
     def prior_of(self, drift: DriftFilter) -> Array:
@@ -229,16 +230,20 @@ class BlockConstants(Constants):
         return np.frombuffer(found).reshape(self.rows, self.size)
 
     def without_zeros(self, rows: Array, drift: DriftFilter) -> Array:
-        """Return the products (K, K) of a block's rows after the drift of the pressure zeros, too, is subtracted.
+        """Return the products (K, K) of a block's rows after the drift of the pressure zeros is subtracted, too.
 
-        The weight subtracts the same drift. In the block it was not yet, because a zero that drifts may be a fault.
+        The residual in a block excludes the drift of the frictions only, because a zero that drifts may be a fault. The
+        measured weight excludes both drifts. Here the residual becomes the same: residual - scale column drift, with
+        the factor `Tares.scale` on all residual torques. A zero's column is the torque per standard error between
+        strokes, so that its drift is over that standard error.
 
         rows:  (K, K) products of the columns [load (4) | friction and zeros (D) | errors of signals (H) | residual (1)]
-        drift: adapted friction and zeros
+        drift: adapted friction [N, N s/m] and zeros [N]
         """
-        first, own = LOAD + self.frictions, slice(self.frictions, None)
+        zeros = slice(self.frictions, None)  # among the drifts; their columns follow those of the load
+        columns = slice(LOAD + self.frictions, LOAD + len(self.stroke_errors))
         change = np.eye(len(rows))
-        change[first : LOAD + len(self.before), -1] = -self.tares.scale * drift.values[own] / self.before[own]
+        change[columns, -1] = -self.tares.scale * drift.values[zeros] / self.stroke_errors[zeros]
         return np.asarray(change.T @ rows @ change)
 
 
@@ -248,7 +253,8 @@ class BlockGatherer(Estimator):
 
     constants: of the machine
     load:      (4,) estimated in the previous block; zero in contact
-    gram:      (K, K) products of the running block's rows [load | usual changes | errors | residual], flat
+    gram:      (K, K) products of the running block's rows [load | changes of friction and zeros | errors | residual],
+               flat
     last:      (K, K) products of the previous block's rows
     errors:    (R, H) torque per unit of each error at the last sample [N m]
     rows:      number of rows of the running block
@@ -344,8 +350,8 @@ class BlockGatherer(Estimator):
         instant: filtered rows of the step, of which those that are usable and in motion are added
         drift:   adapted friction and zeros, with their covariance
         """
-        c, drifts = self.constants, len(self.constants.before)
-        seen = (instant.numbers, instant.usable, drift.values, drift.covariance, c.before, c.frictions, UNKNOWN)
+        c, drifts = self.constants, len(self.constants.stroke_errors)
+        seen = (instant.numbers, instant.usable, drift.values, drift.covariance, c.stroke_errors, c.frictions, UNKNOWN)
         room = (ZERO * ((3 + drifts) * c.rows), ZERO * drifts, ZERO * drifts)
         return c.kernel.gather_block(c.solver, *seen, self.errors, c.size, 1.0, *room, self.gram)
 
@@ -395,17 +401,17 @@ class BlockGatherer(Estimator):
         of one, and is eliminated as the load is. The gram's residual is relative to the friction of the `drift`. Here
         it is made relative to the identified friction, so that f has one meaning in all blocks."""
         c, known, own = self.constants, len(prior), slice(self.constants.frictions)
-        daily_change = c.daily_change(drift) / c.before
+        daily_change = c.daily_change(drift) / c.stroke_errors
         scale = np.ones(len(self.last))
         scale[LOAD:known] = 1.0 / daily_change
         gram = self.products * scale * scale[:, None] / c.memory
         inverse = np.linalg.inv(gram[:known, :known] + np.diag(c.prior))
         shared = np.r_[LOAD : LOAD + c.frictions, known : len(gram)]
         both = gram[:known, shared]
-        mean = drift.values[own] / c.before[own]
+        mean = drift.values[own] / c.stroke_errors[own]
         spread = daily_change[own] / np.sqrt(prior[LOAD : LOAD + c.frictions])
         if not drift.returned:  # the oil may be cold, as in the weighing's gate
-            spread = np.maximum(spread, COLD * (c.daily / c.before)[own])
+            spread = np.maximum(spread, COLD * (c.daily / c.stroke_errors)[own])
         beside = np.eye(len(shared))
         beside[own, -1] = mean
         rows = beside.T @ (gram[np.ix_(shared, shared)] - both.T @ inverse @ both) @ beside

@@ -58,7 +58,7 @@ RESOLVED = 100.0  # Pa: less is not resolved by any such sensor; 0.00025 % of 40
 
 WRONGLY = 0.01  # probability with which the suspicion of a real fault ends (Wald's sequential test); by convention
 ENOUGH = -2.0 * log(WRONGLY)  # sum of votes, twice the log likelihood ratio, that ends a suspicion
-MOST = ENOUGH / VOTES  # of one second: several must agree
+MOST = ENOUGH / VOTES  # largest vote of one second: at least VOTES of them must agree
 
 Pairs = tuple[tuple[int, int], ...]
 
@@ -139,8 +139,9 @@ class StepTest:
         """
         along = self.curves.T @ (window - window[0])
         squared = ((window - window[0]) ** 2).sum(axis=0) - (along**2).sum(axis=0)
-        known = self._noise_before(earlier)
-        plain, stepped = self._unlikely(squared + along[-1] ** 2, known), self._unlikely(squared, known)
+        variance = self._noise_before(earlier)
+        plain = self._minus_log_likelihood(squared + along[-1] ** 2, variance)
+        stepped = self._minus_log_likelihood(squared, variance)
         most = int(np.argmax(plain - stepped))
         alone = -float(plain.sum() - plain[most] + stepped[most] + self._any_step[most])
         if plain[most] - stepped[most] <= self.least or alone <= self._blow(plain, stepped):
@@ -149,27 +150,35 @@ class StepTest:
         return SensorSuspicion(Level.SUSPECTED, SensorFault.STEPPED, (self.signals[most],), size)
 
     def _noise_before(self, earlier: Array) -> Array | None:
-        """Return the variance (P,) [Pa^2] of the residual of curves through `earlier` readings (T, P).
+        """Return the noise variance (P,) [Pa^2] of each pressure before the window; None for fewer than KEPT readings.
 
-        It is None for too few readings."""
+        The KEPT readings are cut into PIECES pieces of WINDOW readings. A polynomial of degree DEGREE is fitted to each
+        piece: all columns of `curves`, which are orthonormal, except the step, the last one. The variance is the sum of
+        squares of the residual over its degrees of freedom, FREE + 1 as no step is fitted, in the mean over the pieces.
+        It is at least the sensor's own.
+
+        earlier: (T, P) readings before the window [Pa], at most KEPT of them
+        """
         if len(earlier) < KEPT:
             return None
         pieces = earlier.reshape(PIECES, WINDOW, -1) - earlier.reshape(PIECES, WINDOW, -1)[:, :1]
         squared = (pieces**2).sum(axis=1) - ((self.curves[:, :-1].T @ pieces) ** 2).sum(axis=1)
         return np.asarray(np.maximum(squared.mean(axis=0) / (FREE + 1), self._noise))
 
-    def _unlikely(self, squared: Array, known: Array | None) -> Array:
-        """Return minus the log likelihood [nats] (P,) of a curve's residual.
+    def _minus_log_likelihood(self, squared: Array, variance: Array | None) -> Array:
+        """Return minus the log likelihood (P,) [nats] of the residual of a curve through the window of each pressure.
 
-        The distribution is Student's if the variance of the earlier readings is known.
+        It is relative to the likelihood at the expected sum of squares, FREE times the variance; a smaller residual has
+        0 as well. With a variance from earlier readings the distribution is Student's: that variance has KNOWN degrees
+        of freedom, the residual FREE. Without it the residual's own variance is used (`_misfit`).
 
-        squared: (P,) sum of squares of the residual [Pa^2]
-        known:   (P,) variance of the earlier readings [Pa^2]; None: not known
+        squared:  (P,) sum of squares of the residual [Pa^2]
+        variance: (P,) of the noise of the earlier readings [Pa^2] (`_noise_before`); None: not known
         """
-        if known is None:
+        if variance is None:
             return self._misfit(squared, self._noise)
-        share = (KNOWN + squared / known) / (KNOWN + FREE)
-        return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(share, 1.0)))
+        ratio = (KNOWN + squared / variance) / (KNOWN + FREE)  # 1 at the expected sum of squares
+        return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(ratio, 1.0)))
 
     def _blow(self, plain: Array, stepped: Array) -> float:
         """Return the log likelihood [nats] of a blow to the machine, which changes all pressures at once.
@@ -183,12 +192,13 @@ class StepTest:
         return float(np.sum(either - log(3.0)))
 
     def _misfit(self, squared: Array, noise: Array) -> Array:
-        """Return minus the log likelihood [nats] of a curve's residual with a variance of its own.
+        """Return minus the log likelihood [nats] of a curve's residual, with the variance of this residual itself.
 
-        It is 0 up to the variance of the noise.
+        The variance is the sum of squares over its FREE degrees of freedom, at least `noise`. The result is relative to
+        the likelihood at `noise`, and 0 for any smaller residual.
 
-        squared: sum of squares of the residual [Pa^2]
-        noise:   least variance [Pa^2], as `squared`
+        squared: sums of squares of the residuals, of any shape [Pa^2]
+        noise:   least variance of each [Pa^2], with the shape of `squared`
         """
         return np.asarray(0.5 * FREE * np.log(np.maximum(squared / (FREE * noise), 1.0)))
 
