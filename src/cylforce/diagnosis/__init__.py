@@ -165,11 +165,11 @@ def diagnose(
     found, other = _searched(question, free, wanted, watch, run)
     watch("locating the gap, simulating the effects")
     diagnosis = concluded(found, rng)
+    watch("the model's own parameters")
     if free is None or found.work is not None or diagnosis.verdict is Verdict.NO_GAP:
         return diagnosis
     if other is None or not other.exceeds(diagnosis.evidence):
         return diagnosis
-    watch("the model's own parameters")
     refitted_diagnosis = concluded(examined(free, wanted), rng)
     if not FreeEvidence.of(refitted_diagnosis.evidence).exceeds(diagnosis.evidence):
         return diagnosis
