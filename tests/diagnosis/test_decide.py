@@ -6,15 +6,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.constants import CORRELATED_ROWS, FEW_BLOCKS, SAME_EVIDENCE, SAME_MACHINE, SECOND_EFFECT
+from cylforce.diagnosis.constants import (
+    CORRELATED_ROWS,
+    FEW_BLOCKS,
+    INCIDENT,
+    SAME_EVIDENCE,
+    SAME_MACHINE,
+    SECOND_EFFECT,
+    SPILL,
+)
 from cylforce.diagnosis.decide import HypothesisEvidence, Verdict, as_simulated, costs, first_effect, one_answer
 from cylforce.diagnosis.likelihood import TEMPERATURES, USUAL_CONDITIONS, Conditions, Form, Hypothesis, ResidualNoise
-from cylforce.diagnosis.search import NO_GAP, UNKNOWN, BlockIncident, Candidate, Found
+from cylforce.diagnosis.search import NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Spill
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.readings.constants import HEALTHY, UNKNOWN_EFFECT
 
 MASS, MOMENT, OTHER = ("extra_mass", "boom"), ("first_moment_change", "boom"), ("pressure_gain", "boom_head_pressure")
 SLEW, CONTACT = ("slew_centrifugal", "machine"), ("soil_contact", "bucket")
+SPILT = ("payload_spill", "bucket")
 FORMS = tuple(Form(*key, (k,), 1.0, 10.0) for k, key in enumerate((MASS, MOMENT, OTHER)))
 NOISE = ResidualNoise(np.ones(1), np.ones(1))
 LOUD = ResidualNoise(np.full(1, 100.0), np.full(1, 5.0))
@@ -156,6 +165,21 @@ def test_a_transient_that_changes_the_residual_by_no_more_than_a_healthy_machine
     assert small.first == NO_GAP
     large = evidence(incidents=[incident(key, 30.0, before=1.8)], gap=1.8, healthy=candidate(0.0, rest=1.8))
     assert large.first == key
+
+
+def spilt(loads):
+    """Return spills of as many loads, no likelier by the rows than none."""
+    odds = loads * float(np.log(INCIDENT / SPILL))
+    sizes, course = np.ones((loads, 3)), np.ones((loads, BLOCKS))
+    return Spill(SPILT, None, sizes, sizes, course, 0.0, odds, 1.0, GAP)
+
+
+def test_each_spilt_load_counts_in_full_though_rows_beside_unknown_loads_count_a_sixth():
+    work = evidence(incidents=[spilt(1)]).found
+    found = [HypothesisEvidence(replace(work, incidents=(spilt(n),), work=SimpleNamespace())) for n in (1, 2, 8)]
+    odds = [each.posterior[SPILT] / each.posterior[NO_GAP] for each in found]
+    assert odds[1] / odds[0] == pytest.approx(INCIDENT / SPILL)
+    assert odds[2] / odds[0] == pytest.approx((INCIDENT / SPILL) ** 7)
 
 
 def test_a_transient_beside_a_lasting_effect_does_not_hide_it():

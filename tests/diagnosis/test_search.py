@@ -1,5 +1,6 @@
 """The search finds what was put in, and nothing else; effects are taken out of the readings at their magnitudes."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from cylforce.diagnosis import question_of
 from cylforce.diagnosis.decide import HypothesisEvidence
-from cylforce.diagnosis.likelihood import likeliest_noise
+from cylforce.diagnosis.likelihood import TemperatureChange, likeliest_noise
 from cylforce.diagnosis.search import (
     CONTACT,
     NO_GAP,
@@ -59,6 +60,23 @@ def test_two_effects_are_found_together():
     best = max(searched(case, range(2)), key=lambda h: h.log)
     assert best.forms == (0, 1)
     assert best.sizes * synthetic.UNIT[2:] == pytest.approx([1.5, 1.0], abs=0.1)
+
+
+def test_effects_are_searched_with_and_without_another_temperature_where_that_explains_much():
+    """Another temperature explains half of the effect, so that the beam would hold hypotheses beside it alone."""
+    case = synthetic.likelihood(synthetic.rows(6, (2.0, 0.0)))
+    nothing, alike = np.zeros((synthetic.COLUMNS,) * 2), np.zeros((synthetic.COLUMNS,) * 2)
+    alike[2, 2] = 1.0  # the column of the effect, as if it were a law of friction
+    case = replace(case, machine=replace(case.machine, temperature=TemperatureChange(nothing, alike)))
+    found = searched(case, range(2))
+    warmer, usual = (
+        {h.forms: h.log for h in found if (h.noise.conditions.temperature is not None) == other}
+        for other in (True, False)
+    )
+    assert warmer[()] > usual[()]
+    assert usual[(0,)] > warmer[()]
+    assert (0, 1) in usual
+    assert (0, 1) in warmer
 
 
 def test_forms_are_screened_all_at_once_as_one_by_one():
@@ -231,3 +249,14 @@ def test_a_lasting_fault_of_a_digging_machine_is_found_beside_its_loads():
     found = examined(question, lambda _: True)
     assert found.work is not None
     assert ("coulomb_friction", "stick") in HypothesisEvidence(found).credible
+
+
+# Columns at their magnitudes
+
+
+@pytest.mark.parametrize("own", [(OFFSET,), (OFFSET, FRICTION)])
+def test_the_likeliest_hypothesis_is_examined_at_its_magnitudes(own):
+    found = diagnosed((FIELD, own)).evidence.found
+    likeliest = max(found.candidates, key=lambda c: c.log)
+    assert ("angle_offset", "stick_angle") in likeliest.keys
+    assert not likeliest.is_linear
