@@ -134,9 +134,9 @@ def test_the_report_shows_the_joint_in_red(written, tmp_path):
 
 
 def test_a_pressure_on_another_cylinder_is_named():
-    first, second = "stick_rod_pressure", "bucket_rod_pressure"
-    values = exchanged(recording(FEW), [FEW_SIGNALS.index(first)], [FEW_SIGNALS.index(second)])
-    found = identify(FEW_MODEL, [values], refuse=False)
+    first, second = "stick_head_pressure", "bucket_head_pressure"
+    values = exchanged(recording(), [SIGNALS.index(first)], [SIGNALS.index(second)])
+    found = identify(MODEL, [values], refuse=False)
     assert f"the recording fits with {first} exchanged with {second}" in found.warnings[0]
 
 

@@ -333,11 +333,3 @@ def test_friction_at_creep_differs_from_friction_that_builds_up_after_a_reversal
     rest /= np.linalg.norm(rest, axis=0)
     cosines = (rest.T @ rest)[: len(laws), len(laws) :]
     assert np.all((cosines > -0.8) & (cosines < 0.5)), cosines
-
-
-def test_columns_computed_in_parts_are_the_same():
-    wanted = proposals(MACHINE)[:7]
-    (one,) = regressors().rows_of([recording()], wanted)
-    (other,) = regressors().rows_of([recording()], wanted, run=lambda tasks: [task() for task in tasks])
-    np.testing.assert_array_equal(one.effects, other.effects)
-    np.testing.assert_array_equal(one.residual, other.residual)

@@ -26,9 +26,9 @@ from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import cycles, moves
 from cylforce.simulation.sensing import run, sensors
 from cylforce.simulation.simulator import draw_truth
-from scenarios import SMALL
+from scenarios import CONFIG
 
-LOADED = load(SMALL)
+LOADED = load(CONFIG / "excavator_20t.toml")
 SERVICE = LOADED.service
 MACHINE = SERVICE.machine
 LIBRARY = (
@@ -97,11 +97,11 @@ def test_a_clear_fault_is_decided_by_the_first_recording(rig):
 
 
 def test_zeros_read_without_pressure_are_part_of_the_question(rig):
-    offset = imposed(MACHINE, "pressure_offset", "stick_head_pressure", 1.6e5)
-    found = rig.checked(rig.record("off", "moves", 5, offset), still=rig.still("still", {"stick_head_pressure": 1.6e5}))
+    offset = imposed(MACHINE, "pressure_offset", "stick_head_pressure", 0.8e5)
+    found = rig.checked(rig.record("off", "moves", 5, offset), still=rig.still("still", {"stick_head_pressure": 0.8e5}))
     zeros = found.found.diagnosis.evidence.found.question.zeros
     means = {MACHINE.signals[k].name: zero.mean for k, zero in zeros.items()}
-    assert means["stick_head_pressure"] == pytest.approx(1.6e5, abs=0.05e5)
+    assert means["stick_head_pressure"] == pytest.approx(0.8e5, abs=0.05e5)
     assert means["stick_rod_pressure"] == pytest.approx(0.0, abs=0.05e5)
     assert found.end is End.CERTAIN
     assert found.steps[0].causes[0][0] == ("pressure_offset", "stick_head_pressure")

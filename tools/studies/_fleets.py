@@ -161,7 +161,6 @@ def samples(
 
 
 class _One(NamedTuple):
-    machine_file: Path
     folder: Path
     number: int
     size: Size
@@ -170,7 +169,7 @@ class _One(NamedTuple):
 
 
 def _write_machine(work: _One) -> None:
-    loaded = load(work.machine_file)
+    loaded = load(MACHINE_FILE)
     fault = faults(loaded, work.size, work.seed).get(work.number)
     folder = work.folder / name_of(work.number)
     folder.mkdir(parents=True, exist_ok=True)
@@ -182,22 +181,15 @@ def _write_machine(work: _One) -> None:
         write_table(folder / f"{day_of(day)}{work.suffix}", Table(t, values, signals))
 
 
-def write_fleet(
-    folder: Path,
-    size: Size,
-    seed: int,
-    processes: int = 2,
-    suffix: str = ".parquet",
-    machine_file: Path = MACHINE_FILE,
-) -> dict[str, Faulty]:
+def write_fleet(folder: Path, size: Size, seed: int, processes: int = 2, suffix: str = ".parquet") -> dict[str, Faulty]:
     """Write the recordings of a fleet and its machine file, except those that are there; returns what is true of the
     machines that change."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "machine.toml").write_text(machine_file.read_text())
-    works = [_One(machine_file, folder, k, size, seed, suffix) for k in range(size.machines)]
+    (folder / "machine.toml").write_text(MACHINE_FILE.read_text())
+    works = [_One(folder, k, size, seed, suffix) for k in range(size.machines)]
     for _ in _mapped(works, processes):
         pass
-    return {each.machine: each for each in faults(load(machine_file), size, seed).values()}
+    return {each.machine: each for each in faults(load(MACHINE_FILE), size, seed).values()}
 
 
 def _mapped(works: list[_One], processes: int) -> Iterator[None]:

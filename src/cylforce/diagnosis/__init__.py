@@ -5,7 +5,6 @@ explain."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -58,7 +57,7 @@ from cylforce.estimation.model import Model
 from cylforce.readings.constants import BLOCK_ROWS, CLEAR_GAP, HALF
 from cylforce.readings.zeros import Zero
 from cylforce.signals.estimate import Array
-from cylforce.signals.tasks import Runner, both, one_by_one
+from cylforce.signals.parallel import ParallelMap, sequential_map
 
 
 @dataclass(frozen=True)
@@ -121,17 +120,17 @@ def question_of(
     rng: np.random.Generator,
     jumps: Mapping[int, float] | None = None,
     zeros: Mapping[int, Zero] | None = None,
-    run: Runner = one_by_one,
+    parallel_map: ParallelMap = sequential_map,
 ) -> FieldQuestion:
     """Return the question of recordings compared with a healthy machine.
 
-    jumps: evidence [nats] of the number of jumps of a reading, by its signal
-    zeros: readings of pressure sensors without pressure, by their signals
-    run:   runs the computation of columns
+    jumps:        evidence [nats] of the number of jumps of a reading, by its signal
+    zeros:        readings of pressure sensors without pressure, by their signals
+    parallel_map: maps a function, perhaps in parallel
     """
     own, layout = machine.regressors, machine.layout
     twins = [noisy_twin(each, own, machine.sensor_noise, rng) for each in recordings]
-    rows = own.rows_of([*recordings, *twins], layout.proposals, run)
+    rows = parallel_map(lambda each: own.rows(each, layout.proposals), [*recordings, *twins])
     rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
     seen = [with_noise(layout, machine.floor, *each) for each in zip(recordings, rows, twins, noisy, strict=True)]
     return FieldQuestion(machine, tuple(seen), jumps=jumps or {}, zeros=zeros or {})
@@ -147,22 +146,22 @@ def diagnose(
     zeros: Mapping[int, Zero] | None = None,
     *,
     identified: bool = True,
-    run: Runner = one_by_one,
+    parallel_map: ParallelMap = sequential_map,
 ) -> Diagnosis:
     """Diagnose recordings of a machine by comparison with its healthy state.
 
-    wanted:     whether an effect may be a cause
-    jumps:      evidence [nats] of the number of jumps of a reading, by its signal
-    zeros:      readings of pressure sensors without pressure, by their signals
-    identified: whether the parameters are certainly this machine's; else a refit competes with all effects
-    run:        runs independent tasks
+    wanted:       whether an effect may be a cause
+    jumps:        evidence [nats] of the number of jumps of a reading, by its signal
+    zeros:        readings of pressure sensors without pressure, by their signals
+    identified:   whether the parameters are certainly this machine's; else a refit competes with all effects
+    parallel_map: maps a function, perhaps in parallel
     """
     watch("columns of every effect")
-    question = question_of(machine, recordings, rng, jumps, zeros, run)
+    question = question_of(machine, recordings, rng, jumps, zeros, parallel_map)
     refit = refitted(question)
     gap = not np.all(without_gap(refit.before, machine.floor.rms))
     free = question.with_free_parameters(refit.values) if gap and not identified and refit.share > HALF else None
-    found, other = _searched(question, free, wanted, watch, run)
+    found, other = _searched(question, free, wanted, watch, parallel_map)
     watch("locating the gap, simulating the effects")
     diagnosis = concluded(found, rng)
     watch("the model's own parameters")
@@ -181,16 +180,20 @@ def _searched(
     free: FieldQuestion | None,
     wanted: Callable[[Proposal], bool],
     watch: Callable[[str], None],
-    run: Runner,
+    parallel_map: ParallelMap,
 ) -> tuple[Found, FreeEvidence | None]:
     """Return the hypotheses with the parameters of the references, and the evidence of those with free parameters.
 
     free: the question with free parameters; None if they are no explanation
     """
-    known = partial(examined, question, wanted, watch)
     if free is None:
-        return known(), None
-    return both(run, known, lambda: FreeEvidence.of(HypothesisEvidence(examined(free, wanted))))
+        return examined(question, wanted, watch), None
+    searches = (
+        lambda: examined(question, wanted, watch),
+        lambda: FreeEvidence.of(HypothesisEvidence(examined(free, wanted))),
+    )
+    found, other = parallel_map(lambda search: search(), searches)
+    return found, other
 
 
 def _after_refit(question: FieldQuestion, before: Diagnosis, after: Diagnosis) -> Diagnosis:

@@ -42,7 +42,7 @@ from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import Model
 from cylforce.readings.constants import BLOCK_ROWS, LOAD_CENTRE
 from cylforce.signals.estimate import Array
-from cylforce.signals.tasks import Runner, one_by_one
+from cylforce.signals.parallel import ParallelMap, sequential_map
 
 GROWTH_S = 100.0  # s in which a clock that drifts becomes late by the second of its sizes
 CENTRE = len(LOAD_CENTRE)
@@ -342,16 +342,16 @@ def learnt(
     rng: np.random.Generator,
     source: KnowledgeSource = KnowledgeSource.REFERENCES,
     shares: Sequence[float] = PRIOR_SHARES,
-    run: Runner = one_by_one,
+    parallel_map: ParallelMap = sequential_map,
 ) -> HealthyMachine:
     """Learn a healthy machine from its recordings.
 
     sensor_noise: (S,) white noise of every sensor, which columns and residual share
     shares:       factors on the healthy spread of effects that are tried
-    run:          runs the computation of columns
+    parallel_map: maps a function, perhaps in parallel
     """
     twins = [noisy_twin(each, regressors, sensor_noise, rng) for each in recordings]
-    rows = regressors.rows_of([*recordings, *twins], proposals, run)
+    rows = parallel_map(lambda each: regressors.rows(each, proposals), [*recordings, *twins])
     rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
     base_rate = float(np.sqrt(np.mean(np.concatenate([r.base_rate for r in rows]) ** 2)))
     layout = ColumnLayout(regressors.model, proposals, base_rate > STEADY_BASE)

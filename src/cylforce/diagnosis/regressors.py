@@ -9,7 +9,7 @@ directly. For errors of sensors and of geometry it is a central difference of th
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -67,7 +67,6 @@ from cylforce.mechanics.motion import Motion
 from cylforce.readings.constants import BLOCK_ROWS, LOAD_CENTRE, ROWS_HZ
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
-from cylforce.signals.tasks import Runner, one_by_one
 
 LOAD_COLUMNS = slice(0, 4)  # of the incidental columns: mass, first moments x and z, moment of inertia of a load
 CLOCK_COLUMN = INCIDENTAL.index("clock")
@@ -113,12 +112,6 @@ class TorqueRows:
     def first(self, count: int) -> "TorqueRows":
         """Return the first `count` rows."""
         return TorqueRows(**{f.name: getattr(self, f.name)[:count] for f in fields(self)})
-
-
-def _side_by_side(parts: Sequence[TorqueRows]) -> TorqueRows:
-    """Return the rows of one recording with the columns of the effects of all parts."""
-    effects = np.concatenate([part.effects for part in parts], axis=-1) if len(parts) > 1 else parts[0].effects
-    return replace(parts[0], effects=effects)
 
 
 def courses(share: Array) -> Array:
@@ -303,18 +296,6 @@ class Regressors:
             posture=np.diff(motion.a, axis=1, prepend=0.0)[late],
             base_rate=base_rate[late],
         )
-
-    def rows_of(
-        self, recordings: Sequence[Recording], proposals: Sequence[Proposal], run: Runner = one_by_one
-    ) -> list[TorqueRows]:
-        """Return the rows of several recordings.
-
-        The columns of a recording are computed in two tasks, so that one long recording takes two processors.
-        """
-        half = len(proposals) // 2
-        parts = [proposals[:half], proposals[half:]] if run is not one_by_one else [proposals]
-        found = run([partial(self.rows, each, part) for each in recordings for part in parts])
-        return [_side_by_side(found[k : k + len(parts)]) for k in range(0, len(found), len(parts))]
 
     def column_source(self, recording: Recording, rows: TorqueRows) -> "ColumnSource":
         """Return the source of the columns of further effects along a recording with computed rows."""

@@ -140,6 +140,11 @@ class Refined:
         return np.array(self.proposal.usual)
 
 
+# Computed properties of a question, which another question with the same rows, or from the same readings, has as well.
+OF_ROWS = ("blocks", "spans", "_whole_gram", "_return_levels")
+OF_READINGS = ("_return_levels", "_supports")
+
+
 @dataclass(frozen=True)
 class FieldQuestion:
     """Recordings under diagnosis, compared with a healthy machine.
@@ -347,11 +352,11 @@ class FieldQuestion:
 
     def with_refined(self, refined: Refined) -> "FieldQuestion":
         """Return the question with an effect whose shape is refined, its columns appended."""
-        return self._keeping(replace(self, refined=refined), "knowledge")
+        return self._keeping(replace(self, refined=refined), *OF_ROWS, "knowledge")
 
     def with_same_temperature(self) -> "FieldQuestion":
         """Return the question of a machine that is certainly as warm as in the references."""
-        return self._keeping(replace(self, same_temperature=True))
+        return self._keeping(replace(self, same_temperature=True), *OF_ROWS)
 
     def with_free_parameters(self, values: Array) -> "FieldQuestion":
         """Return the question with parameters as uncertain as those of the data sheet.
@@ -360,22 +365,18 @@ class FieldQuestion:
         """
         whole = self.machine.values.copy()
         whole[: len(values)] += values
-        return self._keeping(replace(self, machine=replace(self.machine, values=whole), free=True))
+        return self._keeping(replace(self, machine=replace(self.machine, values=whole), free=True), *OF_ROWS)
 
     def without_grams(self) -> "FieldQuestion":
-        """Return the question without blocks and Gram matrices, tens of megabytes that are computed again if needed."""
-        other = replace(self)
-        kept = ("_return_levels", "_supports")
-        other.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
-        return other
+        """Return the question without blocks and Gram matrices.
 
-    def _keeping(self, other: "FieldQuestion", *more: str) -> "FieldQuestion":
-        """Return another question of the same rows with what was computed from the rows for this one.
-
-        more: further computed properties that are the same
+        They take tens of megabytes, and are computed again if they are needed.
         """
-        kept = ("blocks", "spans", "_whole_gram", "_return_levels", *more)
-        other.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        return self._keeping(replace(self), *OF_READINGS)
+
+    def _keeping(self, other: "FieldQuestion", *names: str) -> "FieldQuestion":
+        """Return another question with some computed properties of this one, which are the same in both."""
+        other.__dict__.update({name: getattr(self, name) for name in names})
         return other
 
     def likelihood(self, kept: Mask | None = None) -> Likelihood:
@@ -539,10 +540,7 @@ class FieldQuestion:
         )
         if self.refined is not None and again[0].shape[-1]:
             found = replace(found, refined=replace(self.refined, columns=tuple(again)))
-        found.__dict__.update(
-            {name: getattr(self, name) for name in ("_return_levels", "_supports")}
-        )  # of the readings
-        return found
+        return self._keeping(found, *OF_READINGS)
 
     def _corrected_noise(
         self, before: Seen, after: Seen, effects: Sequence[Imposed], own: Sequence[Proposal], places: Sequence[int]
@@ -581,8 +579,9 @@ def _energy_of(parts: Sequence[SharedNoise]) -> Array:
 def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
     """Return hypotheses with more and more effects.
 
-    Where another temperature explains more than the usual conditions, effects are searched apart under both: an effect
-    instead of it would never be found beside it.
+    If a healthy machine at another temperature is likelier than one under the usual conditions, both are searched on
+    their own. In one search, the most probable hypotheses would all contain another temperature, and an effect that
+    explains the recordings without it would not be tried.
     """
     usual, other = _without_effects(case)
     if other and other[0].log > max(h.log for h in usual):
@@ -623,9 +622,9 @@ def _grown(
 
 
 def _without_effects(case: Likelihood) -> tuple[list[Hypothesis], list[Hypothesis]]:
-    """Return hypotheses of a healthy machine: one under each usual condition, and the likeliest other temperature.
+    """Return hypotheses of a healthy machine: those under the usual conditions, and one at another temperature.
 
-    The second list is empty if another temperature is no explanation.
+    The latter is the most probable temperature; the second list is empty if none is tried.
     """
     each = [case.hypothesis((), replace(case.machine.noise, conditions=c)) for c in case.machine.conditions]
     usual = [h for h in each if h.noise.conditions.temperature is None]

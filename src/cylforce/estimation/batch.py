@@ -62,7 +62,7 @@ def least_squares(data: Factors, row_error: Array, prior: Prior | None) -> Fit:
 
 
 class Converged(NamedTuple):
-    """What `least_squares` knows before its standard errors, see `Fit`.
+    """Robust least-squares fit without standard errors; with them it is a `Fit`.
 
     values:    (K,) parameters
     row_error: (R,) rms residual per measured torque, rows set aside included [N m]
@@ -75,7 +75,14 @@ class Converged(NamedTuple):
 
 
 def converged(data: Factors, row_error: Array, prior: Prior | None) -> Converged:
-    """Return the result of `least_squares` without standard errors, in three quarters of its time."""
+    """Return the fit of `least_squares` without standard errors, which take a quarter of its time.
+
+    Raises ValueError when there are no usable rows.
+
+    data:      B blocks of rows of R measured torques
+    row_error: (R,) standard error of the rows of each torque [N m]
+    prior:     of the parameters; None: none
+    """
     found = _rounds(data, row_error, prior)[1]
     values = found.solution.values
     return Converged(values, _row_rms(data, values, found.trust), found.memory)

@@ -18,10 +18,11 @@ from cylforce.fleet.changes import LONGEST, MachineChange, Shape, changes
 from cylforce.fleet.coordinates import Coordinate, coordinates, data_sheet, joint_coordinates, joint_directions
 from cylforce.fleet.courses import Course, course
 from cylforce.fleet.evidence import Evidence
-from cylforce.fleet.gaussians import GroupedGaussians, ParallelMap, sequential_map, with_added_variance
+from cylforce.fleet.gaussians import GroupedGaussians, with_added_variance
 from cylforce.fleet.history import History
 from cylforce.fleet.usual import Levels, Usual, learn_usual, prior_usual
 from cylforce.signals.estimate import Array
+from cylforce.signals.parallel import ParallelMap, sequential_map
 
 ROUNDS = 2  # rounds of estimating the usual spreads without changed recordings, and the changes by these; chosen
 

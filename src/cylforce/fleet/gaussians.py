@@ -3,15 +3,14 @@
 Independent information about one value adds up. Many are computed at once.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cylforce.signals.estimate import Array
+from cylforce.signals.parallel import ParallelMap, sequential_map
 
-ParallelMap = Callable[[Callable[[Any], Any], Sequence[Any]], list[Any]]  # maps a function; may use threads
 AT_ONCE = 32  # distributions whose matrices fit the processor's cache (of 8 to 256 the fastest, by measurement)
 
 
@@ -53,11 +52,6 @@ class GroupedGaussians(NamedTuple):
 def pieces(count: int) -> list[slice]:
     """Return slices of at most AT_ONCE distributions."""
     return [slice(begin, begin + AT_ONCE) for begin in range(0, count, AT_ONCE)]
-
-
-def sequential_map(work: Callable[[Any], Any], arguments: Sequence[Any]) -> list[Any]:
-    """Return the results of a function for each argument, one after the other."""
-    return [work(argument) for argument in arguments]
 
 
 def with_added_variance(

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cylforce.fleet.gaussians import GroupedGaussians, ParallelMap, pieces, sequential_map, solved, with_added_variance
+from cylforce.fleet.gaussians import GroupedGaussians, pieces, solved, with_added_variance
 from cylforce.signals.estimate import Array
+from cylforce.signals.parallel import ParallelMap, sequential_map
 
 PRIOR_COUNT = 4.0  # observations that the stated spread counts as; chosen: three machines change it, one hardly does
 ROUNDS = 40  # rounds at most; chosen

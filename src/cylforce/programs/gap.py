@@ -38,7 +38,7 @@ from cylforce.readings.noise import noise_warning, sensor_noise, usual_noise
 from cylforce.readings.vibration import vibration_warning, vibrations
 from cylforce.readings.zeros import Zeros, read_zeros
 from cylforce.settings.machine_file import Loaded
-from cylforce.signals.tasks import Runner, one_by_one
+from cylforce.signals.parallel import ParallelMap, sequential_map
 
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 CLOCKS = ClockEffect().about.name
@@ -71,12 +71,12 @@ def diagnose(
     library: tuple[Group, ...] = LIBRARY,
     watch: Watch = silent,
     cache: StatisticsCache | None = None,
-    run: Runner = one_by_one,
+    parallel_map: ParallelMap = sequential_map,
 ) -> Diagnosed:
     """Return the diagnosis of recordings. Raises RecordingError or ValueError, in a sentence.
 
-    cache: statistics of references, kept for the next diagnosis
-    run:   runs independent tasks
+    cache:        statistics of references, kept for the next diagnosis
+    parallel_map: maps a function, perhaps in parallel
     """
     check_recordings(question)
     left_out = list[str]()
@@ -85,7 +85,7 @@ def diagnose(
     loaded, slow = at_own_rate(loaded, (*question.healthy, *question.field))
     read = partial(chosen, loaded, loads=question.loads, watch=watch, tell=left_out.append)
     healthy, field = read(question.healthy), read(question.field)
-    found = _GapRun(loaded, question, chosen_library, only, watch, cache, run).concluded(field, healthy)
+    found = _GapRun(loaded, question, chosen_library, only, watch, cache, parallel_map).concluded(field, healthy)
     shares = [each._asdict() for each in (*field.looked_at, *healthy.looked_at)]
     whole = found.answer | ({"looked_at": shares} if "gap" in found.answer else {})
     warnings = [*left_out, *whole.get("warnings", ()), *([slow] if slow and "gap" in whole else [])]
@@ -97,13 +97,13 @@ def diagnose(
 class _GapRun:
     """Diagnosis in progress.
 
-    loaded:   the machine
-    question: inputs of the diagnosis
-    library:  effects that may be a cause
-    only:     name and location of the one effect that is examined; None: all
-    watch:    receives the progress
-    cache:    statistics of references, kept for the next diagnosis
-    run:      runs independent tasks
+    loaded:       the machine
+    question:     inputs of the diagnosis
+    library:      effects that may be a cause
+    only:         name and location of the one effect that is examined; None: all
+    watch:        receives the progress
+    cache:        statistics of references, kept for the next diagnosis
+    parallel_map: maps a function, perhaps in parallel
     """
 
     loaded: Loaded
@@ -112,7 +112,7 @@ class _GapRun:
     only: tuple[str, str] | None
     watch: Watch
     cache: StatisticsCache | None
-    run: Runner
+    parallel_map: ParallelMap
 
     @property
     def _model(self) -> Model:
@@ -145,7 +145,7 @@ class _GapRun:
         late:     clock faults of the field recordings
         """
         loaded = self.loaded
-        known = known_machine(loaded, self.question, groups, self.library, self.watch, self.cache, self.run)
+        known = known_machine(loaded, self.question, groups, self.library, self.watch, self.cache, self.parallel_map)
         if known is None:
             return self._sheet(groups.field, warnings, late)
         rng, rate_hz = np.random.default_rng(SEED), loaded.service.filters.rate_hz
@@ -161,7 +161,7 @@ class _GapRun:
             {each.proposal.where: each.nats for each in jumps},
             zeros.by_signal,
             identified=known.identified or self.only is not None,
-            run=self.run,
+            parallel_map=self.parallel_map,
         )
         if late and not _named_first(found, CLOCKS):
             return Diagnosed(off_clock(late))
@@ -215,7 +215,8 @@ class _GapRun:
         """Return clock faults, where the library has that effect."""
         if CLOCKS not in self._names:
             return ()
-        return clock_faults(Model(self.loaded.service.machine, self.loaded.service.filters, ()), recordings, self.run)
+        model = Model(self.loaded.service.machine, self.loaded.service.filters, ())
+        return clock_faults(model, recordings, self.parallel_map)
 
 
 def _nothing(reason: str) -> Diagnosed:

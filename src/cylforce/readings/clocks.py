@@ -9,7 +9,6 @@ alternatives.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from cylforce.readings.clock_rows import EDGE_S, Clock, JointRows, pieces
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, ROWS_HZ, SURE, UNKNOWN_EFFECT
 from cylforce.readings.recording import Recording
 from cylforce.signals.estimate import Array
-from cylforce.signals.tasks import Runner, one_by_one
+from cylforce.signals.parallel import ParallelMap, sequential_map
 
 LARGEST_OFFSET_S = 2.0  # at the beginning of a piece; lags that are nearer to each other are one, badly known
 FASTEST = 2.5  # largest ratio of two clocks: beyond the factor of two of two sampling periods
@@ -79,19 +78,16 @@ JointChoice = tuple[JointRows, tuple[int, ...]]  # a joint, and which of its sen
 Peak = tuple[Clock, float]  # a clock that fits better than those beside it, and its evidence [nats]
 
 
-def clock_faults(model: Model, recordings: Sequence[Recording], run: Runner = one_by_one) -> list[ClockSlip]:
+def clock_faults(
+    model: Model, recordings: Sequence[Recording], parallel_map: ParallelMap = sequential_map
+) -> list[ClockSlip]:
     """Return the clock faults of recordings, the one with the largest lag first.
 
-    run: runs the search in each piece of a recording
+    parallel_map: maps a function, perhaps in parallel
     """
     found = [(recording, *piece) for recording in recordings for piece in pieces(model, recording)]
-    faults = run([partial(_faults_of_piece, *piece) for piece in found])
+    faults = parallel_map(lambda piece: list(faults_of_piece(*piece)), found)
     return sorted((fault for each in faults for fault in each), key=lambda f: -abs(f.largest[0]))
-
-
-def _faults_of_piece(recording: Recording, begins: float, joints: Sequence[JointRows]) -> list[ClockSlip]:
-    """Return the clock faults of a piece, the most probable first; each joint belongs to one."""
-    return list(faults_of_piece(recording, begins, joints))
 
 
 def faults_of_piece(recording: Recording, begins: float, joints: Sequence[JointRows]) -> Iterator[ClockSlip]:

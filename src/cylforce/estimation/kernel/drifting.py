@@ -1,5 +1,7 @@
-"""Drift of friction and pressure zeros after one instant with an empty bucket: `service.adaptation`, with
-`recursive.forget` and `recursive.update`, in plain numbers; and the constants of one machine for it.
+"""Drift of friction and pressure zeros, updated at each instant with an empty bucket.
+
+It is what `service.adaptation` does with `recursive.forget` and `recursive.update`, in plain numbers. `KernelDrift`
+holds the constants of one machine.
 
 Sizes: R rows (measured torques), K columns of all effects, D drifting frictions and pressure zeros, N = 5 + D unknowns:
 deviation of this return's load from the usual one (4), the usual carry-back [kg] (1), the drift (D).
@@ -7,7 +9,7 @@ deviation of this return's load from the usual one (4), the usual carry-back [kg
 The information is U'U, with the upper triangle U (N, N) and its right-hand side z (N,): U unknowns = z.
 
 The result of an update is one array (`layout.DriftLayout`): triangle (N, N), right-hand side (N,), drift (D,), its
-covariance (D, D), scale (2,) and mass. The first functions give the places of these parts."""
+covariance (D, D), scale (2,) and mass. The functions `update_...` give the places of these parts."""
 
 from collections.abc import Sequence
 from math import sqrt

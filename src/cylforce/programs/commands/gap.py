@@ -55,7 +55,7 @@ def gap(
     from cylforce.files.atomic import check_outputs
     from cylforce.programs.common.gap_question import Question, known_loads
     from cylforce.programs.common.machine_file import load_machine
-    from cylforce.programs.common.processes import in_processes
+    from cylforce.programs.common.processes import map_in_processes
     from cylforce.programs.common.progress import progress_bar
     from cylforce.programs.common.statistics_cache import StatisticsCache, cache_folder
     from cylforce.programs.common.user_library import load_library
@@ -75,7 +75,7 @@ def gap(
     own = () if library is None else load_library(library, loaded.service.machine)
     kept = StatisticsCache(folder) if folder else None
     with progress_bar(len(question.field) + len(question.healthy) + STEPS + (html is not None)) as watch:
-        found = diagnose(loaded, question, (*LIBRARY, *own), watch=watch, cache=kept, run=in_processes)
+        found = diagnose(loaded, question, (*LIBRARY, *own), watch=watch, cache=kept, parallel_map=map_in_processes)
         report = None if html is None else gap_report(loaded, question, found, watch)
     write_all(found, report, Outputs(output, patch, html, residuals))
     if next_motion is not None:

@@ -35,7 +35,7 @@ from cylforce.readings.noise import usual_noise
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array
-from cylforce.signals.tasks import Runner, one_by_one
+from cylforce.signals.parallel import ParallelMap, sequential_map
 
 # Friction laws that the model of a diagnosis has; `stribeck` only where it was identified, since it is also an effect.
 ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
@@ -86,14 +86,14 @@ def learnt_machine(
     tares: Tares | None,
     cache: StatisticsCache | None = None,
     field: Sequence[Recording] | None = None,
-    run: Runner = one_by_one,
+    parallel_map: ParallelMap = sequential_map,
 ) -> HealthyMachine:
     """Return the healthy machine that recordings show.
 
-    tares: identified parameters; None: fitted to the recordings
-    field: recordings of the machine that differs, where the others are of a simulation without sensors; None: they are
-           of the machine
-    run:   runs independent tasks
+    tares:        identified parameters; None: fitted to the recordings
+    field:        recordings of the machine that differs, where the others are of a simulation without sensors; None:
+                  they are of the machine
+    parallel_map: maps a function, perhaps in parallel
     """
     service, each = loaded.service, lasting_proposals(loaded, library)
     laws = ALWAYS if tares is None else (*ALWAYS, *tares.friction)
@@ -105,7 +105,9 @@ def learnt_machine(
     key = key_of(loaded.sha256, regressors, each, recordings, noise, source) if cache else ""
     if cache and (found := cache.get(key, regressors, each)):
         return found
-    machine = learnt(regressors, each, recordings, noise, np.random.default_rng(SEED), source, run=run)
+    machine = learnt(
+        regressors, each, recordings, noise, np.random.default_rng(SEED), source, parallel_map=parallel_map
+    )
     if cache:
         cache.put(key, machine)
     return machine
@@ -121,7 +123,7 @@ def known_machine(
     library: tuple[Group, ...],
     watch: Watch,
     cache: StatisticsCache | None = None,
-    run: Runner = one_by_one,
+    parallel_map: ParallelMap = sequential_map,
 ) -> Known | None:
     """Return the healthy machine of a question; None if there is only a data sheet. Raises SettingsError."""
     tares = None if question.identified is None else read_identified(question.identified, loaded)
@@ -129,7 +131,9 @@ def known_machine(
     if groups.healthy:
         watch("learning the healthy machine", None)
         field = groups.field if question.simulation else None
-        known = Known(learnt_machine(loaded, groups.healthy, library, tares, cache, field, run), tares is not None)
+        known = Known(
+            learnt_machine(loaded, groups.healthy, library, tares, cache, field, parallel_map), tares is not None
+        )
     elif tares is not None and question.identified is not None:
         known = _identified_machine(loaded, question.identified, tares, groups.field, library)
     elif question.usual is not None:

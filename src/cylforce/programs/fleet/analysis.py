@@ -9,9 +9,9 @@ from typing import NamedTuple
 from cylforce.estimation.model import Model
 from cylforce.fleet.coordinates import coordinates, followed_model
 from cylforce.fleet.fleet import Dated, Fleet, MachineResult, fleet
-from cylforce.fleet.gaussians import ParallelMap
 from cylforce.programs.fleet.gathering import ABSOLUTE_S, Gathered
 from cylforce.programs.fleet.task import DOUBTFUL, OK
+from cylforce.signals.parallel import ParallelMap
 
 DAY_S = 86400.0
 
