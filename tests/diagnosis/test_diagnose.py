@@ -130,6 +130,21 @@ def test_where_every_cause_is_contradicted_the_gap_stays_unknown():
     assert found.refuted
 
 
+def test_where_every_cause_is_contradicted_a_healthy_machine_that_explains_the_residual_stays_no_gap():
+    """A wrong cause is likelier, but the healthy machine leaves no gap, either: its uncertainty explains it."""
+    plain = diagnosed((FIELD, ())).evidence.found
+    wrong = worst_of(plain)
+    kept = [
+        replace(c, hypothesis=replace(c.hypothesis, log=plain.healthy.log + 20.0 * bool(c.keys), rest=1.0))
+        for c in plain.candidates
+        if c is plain.healthy or c.keys == {wrong}
+    ]
+    wider = replace(plain, candidates=tuple(kept), incidents=(), gaps=np.full(len(plain.gaps), 1.5))
+    found = concluded(wider, np.random.default_rng(1))
+    assert (found.verdict, names(found)) == (Verdict.NO_GAP, [])
+    assert found.refuted
+
+
 def test_two_effects_are_both_named():
     friction, offset = effect("coulomb_friction", "stick", 4000.0), effect("angle_offset", "bucket_angle", 0.05)
     found = diagnosed((FIELD, (friction, offset)))

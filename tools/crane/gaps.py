@@ -37,20 +37,21 @@ SLIPPED = {"boom_head_pressure", "jib_head_pressure", "jib_rod_pressure"}  # wha
 MARCH = "_270325"  # another day
 PERIODS = 5.0 / 10.0  # of the pressures, once they are resampled, and of the positions
 LAWS = ("coulomb", "viscous", "load_dependent", "directional")
-MOST_NAMES = 5  # parameters that are listed
 TOGETHER = "all four so, together"
 GRAVITY_AND_COULOMB = ("X", "Z", "coulomb")  # parameters of the least-squares fit beside
 
 
 class Answer(NamedTuple):
     """What the diagnosis says: the verdict, a sentence, the causes {name, at, sizes, errors, units, confused_with}, the
-    gap [N m] by joint {fixed, refit, after, floor}, warnings."""
+    gap [N m] by joint {fixed, refit, after, floor}, warnings, and the parameters {name, unit, before, after, torque} of
+    a data sheet that would change by more torque than what remains unexplained."""
 
     verdict: str
     sentence: str
     causes: list[dict[str, Any]]
     joints: dict[str, dict[str, float]]
     warnings: list[str]
+    parameters: list[dict[str, Any]]
 
 
 class Unseen(NamedTuple):
@@ -164,6 +165,7 @@ def _answer(machine: Machine, found: Diagnosed) -> Answer:
         else [{"name": e["name"], "at": e["at"], **_size(e), "confused_with": []} for e in answer["effects"]],
         answer["gap"]["joints"] if "gap" in answer else {},
         answer.get("warnings", []),
+        answer.get("identify_first", {}).get("parameters", []),
     )
 
 
@@ -223,7 +225,7 @@ def fitted(loaded: Loaded, model: Model, paths: Mapping[str, Path], runs: Sequen
         return Fits(sheet, sheet, least_squares(model, runs), [], [])
     values = {change.name: change.after for change in found.sheet.refit.changes}
     causes = np.array([values.get(p.name, value) for p, value in zip(model.parameters, sheet.tolist(), strict=True)])
-    names = [change.name for change in found.sheet.refit.changes[:MOST_NAMES]]
+    names = [change.name for change in found.sheet.refit.clear]
     return Fits(sheet, causes, least_squares(model, runs), names, [])
 
 

@@ -259,13 +259,13 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
     sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP
     evidence, same = one_answer(HypothesisEvidence(found, sure=sure))
     plain = Simulation(question, None).run((), rng)
-    refuted, refused = list[str](), False
+    refuted, wrong_law = list[str](), False
     while True:
         key = first_effect(evidence)
         cost = costs(evidence, key)
         verdict = min(cost, key=lambda v: cost[v])
         if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
-            if refused and verdict is Verdict.NO_GAP and evidence.has_gap and not evidence.temperature_explains:
+            if wrong_law and verdict is Verdict.NO_GAP and not evidence.healthy_explains:
                 verdict = Verdict.UNKNOWN  # a wrong law of one effect is no sign of a healthy machine
             if found.work is not None:  # unknown loads and contact may hide either
                 verdict = Verdict.NOT_OBSERVABLE
@@ -276,7 +276,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
                 verdict = as_simulated(verdict, simulated.closure)
             return _answer(evidence, verdict, named, simulated, refuted, same)
         refuted.append(objection)
-        refused = True
+        wrong_law |= named[0].excludes_zero
         evidence = replace(evidence, withdrawn=evidence.withdrawn | {key})
 
 

@@ -195,6 +195,11 @@ class HypothesisEvidence:
         other = healthy.hypothesis.noise.conditions.temperature is not None
         return other and healthy.rest**2 - 1.0 <= SAME_MACHINE + law
 
+    @property
+    def healthy_explains(self) -> bool:
+        """True where the likeliest healthy machine leaves the residual of a healthy one, or the error of its laws."""
+        return not self.has_gap or self.found.healthy.rest**2 - 1.0 <= SAME_MACHINE or self.temperature_explains
+
     def _is_law_error(self, c: Candidate) -> bool:
         """Return whether effects explain only the error of the friction laws at another temperature."""
         warmer = c.hypothesis.noise.conditions.temperature is not None

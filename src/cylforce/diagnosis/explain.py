@@ -97,6 +97,12 @@ class Cause:
         error = float(np.sqrt(np.mean(self.errors[:, : about.axes] ** 2)))
         return value, value - INTERVAL * error, value + INTERVAL * error
 
+    @property
+    def excludes_zero(self) -> bool:
+        """Whether the 90 % interval of the magnitude excludes zero."""
+        _, low, high = self.interval
+        return not low <= 0.0 <= high
+
 
 def causes_of(evidence: HypothesisEvidence, candidate: Candidate) -> list[Cause]:
     """Return the effects of a hypothesis, the main one first."""
@@ -183,8 +189,7 @@ def objection_to_magnitude(cause: Cause) -> str:
         if magnitude >= BEYOND * form.high * (1.0 - 1e-6):
             bound = "its magnitude is at the largest plausible one, so that it stands for something else"
             return f"{name}: {bound}: not named"
-    _, low, high = cause.interval
-    return f"{name}: the 90 % interval of its magnitude contains zero: not named" if low <= 0.0 <= high else ""
+    return "" if cause.excludes_zero else f"{name}: the 90 % interval of its magnitude contains zero: not named"
 
 
 # Causes simulated
@@ -752,6 +757,12 @@ class Refit:
     share: float
     changes: tuple[ParameterChange, ...]
     values: Array
+
+    @property
+    def clear(self) -> tuple[ParameterChange, ...]:
+        """The changes that add more torque than the fit leaves at any joint; the largest one if there are none."""
+        found = tuple(change for change in self.changes if change.torque > float(np.max(self.after)))
+        return found or self.changes[:1]
 
 
 def refitted(question: FieldQuestion) -> Refit:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from cylforce.diagnosis.constants import CREEP_CHANGE, DETECTABLE, STATIC_CHANGE, VARYING_CHANGE
 from cylforce.diagnosis.likelihood import (
@@ -47,6 +48,7 @@ from cylforce.signals.parallel import ParallelMap, sequential_map
 GROWTH_S = 100.0  # s in which a clock that drifts becomes late by the second of its sizes
 CENTRE = len(LOAD_CENTRE)
 FOLDS = 4  # parts of the references, each predicted from the others
+FRICTION_MAGNITUDES = ("coulomb", "viscous", "load_dependent")  # laws with one magnitude for both directions
 FIRST_GUESS = 0.1  # of the torque's rms: noise in the first round
 NOISE_S = 120.0  # s of each recording on which shared sensor noise is simulated
 STEADY_BASE = 5e-4  # rad/s, rms: apparent rate of a base at rest; physics: noise of inclinometers, filtered
@@ -251,7 +253,8 @@ class HealthyMachine:
 def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
     """Return the parameters (P,) of recordings by least squares, the data sheet as prior.
 
-    Each row is weighted by the residual of the first round. The centres of known loads are fitted with the parameters.
+    Friction opposes motion: its magnitudes are at least zero. Each row is weighted by the residual of the first round.
+    The centres of known loads are fitted with the parameters.
     """
     regressors, count = Regressors(model, np.zeros(len(model.parameters))), len(model.parameters)
     layout = ColumnLayout(model, ())
@@ -261,17 +264,20 @@ def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:
         centre = np.zeros((*whole.shape[:2], CENTRE * len(recordings)))
         if each.load_kg:
             centre[..., CENTRE * k : CENTRE * (k + 1)] = whole[..., size + 1 : size + 1 + CENTRE]
-        columns.append(np.concatenate([whole[..., : layout.first], centre, whole[..., -1:]], axis=-1))
-    prior = np.diag(np.concatenate([layout.unit[: layout.first], np.tile(LOAD_CENTRE, len(recordings))]) ** -2.0)
+        columns.append(np.concatenate([whole[..., :count], centre, whole[..., -1:]], axis=-1))
+    prior = np.diag(np.concatenate([layout.unit[:count], np.tile(LOAD_CENTRE, len(recordings))]) ** -2.0)
     prior[:count, :count] = np.linalg.inv(model.prior.covariance)
     mean = np.zeros(len(prior))
     mean[:count] = model.prior.mean
+    least = np.full(len(prior), -np.inf)
+    least[[k for k, p in enumerate(model.parameters) if p.name.rpartition(".")[2] in FRICTION_MAGNITUDES]] = 0.0
     scale = FIRST_GUESS * rms([c[..., -1] for c in columns]) + 1e-9
     values: Array = mean
     for _ in range(2):
         gram = _weighted_gram(columns, scale)
-        solved = np.linalg.solve(gram[:-1, :-1] + prior, gram[:-1, -1] + prior @ mean)
-        values = np.asarray(solved, dtype=np.float64)
+        root, unit = np.linalg.cholesky(gram[:-1, :-1] + prior), np.diag(prior) ** -0.5
+        target = np.linalg.solve(root, gram[:-1, -1] + prior @ mean)
+        values = unit * lsq_linear(root.T * unit, target, (least, np.inf)).x
         scale = rms([c[..., -1] - c[..., :-1] @ values for c in columns]) + 1e-9
     return np.asarray(values[:count])
 

@@ -20,7 +20,7 @@ from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.programs.common.gap_answer import answer, before_anything, sheet_answer
 from cylforce.programs.common.gap_clocks import apart, off_clock
-from cylforce.programs.common.gap_machine import ALWAYS, SEED, Groups, known_machine
+from cylforce.programs.common.gap_machine import ALWAYS, OF_SHEET, SEED, Groups, known_machine
 from cylforce.programs.common.gap_question import Question, check_recordings, only_effect, reduced
 from cylforce.programs.common.gap_references import alike
 from cylforce.programs.common.progress import Watch, silent
@@ -181,7 +181,7 @@ class _GapRun:
         self.watch("fitting masses and friction", None)
         service = self.loaded.service
         sheet, noise = Model(service.machine, service.filters, ()), usual_noise(service.machine, field)
-        found = gap_of_sheet(sheet, ALWAYS, field, noise, np.random.default_rng(SEED))
+        found = gap_of_sheet(sheet, OF_SHEET, field, noise, np.random.default_rng(SEED))
         groups = Groups(field, ())
         whole = sheet_answer(found) | _readings(self.loaded, groups)
         whole["next_experiment"] = before_anything(whole)

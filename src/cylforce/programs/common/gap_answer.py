@@ -99,7 +99,7 @@ def identify_first(refit: Refit, because: str) -> dict[str, Any]:
             "share": refit.share,
             "parameters": [
                 {"name": c.name, "unit": c.unit, "before": c.before, "after": c.after, "torque": c.torque}
-                for c in refit.changes[:MOST_PARAMETERS]
+                for c in refit.clear
             ],
         }
     }

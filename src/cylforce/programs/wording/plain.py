@@ -89,10 +89,12 @@ def _wrong_parameters(answer: dict[str, Any]) -> Lines:
     first = answer.get("identify_first")
     if not first or not first["parameters"]:
         return ()
-    told = [parameter_error(p["name"], p["unit"], p["before"], p["after"]) for p in first["parameters"]]
+    largest = first["parameters"][:MOST_PARAMETERS]
+    told = [parameter_error(p["name"], p["unit"], p["before"], p["after"]) for p in largest]
     return (sentence(f"in the model, {'; '.join(told)}"),)
 
 
+MOST_PARAMETERS = 5  # in a sentence
 IDENTIFY_FIRST = (
     "Identify the machine first: {because}. Fitting the model's masses and friction to these recordings alone removes "
     "{share} of the difference"
