@@ -132,13 +132,14 @@ def test_where_every_cause_is_contradicted_the_gap_stays_unknown():
 
 def test_where_every_cause_is_contradicted_a_healthy_machine_that_explains_the_residual_stays_no_gap():
     """A wrong cause is likelier, but the healthy machine leaves no gap, either: its uncertainty explains it."""
-    plain = diagnosed((FIELD, ())).evidence.found
+    plain, usual = diagnosed((FIELD, (FAULTS[0],))).evidence.found, diagnosed((FIELD, ())).evidence.found.healthy
     wrong = worst_of(plain)
-    kept = [
-        replace(c, hypothesis=replace(c.hypothesis, log=plain.healthy.log + 20.0 * bool(c.keys), rest=1.0))
-        for c in plain.candidates
-        if c is plain.healthy or c.keys == {wrong}
-    ]
+
+    def like(c):
+        log = plain.healthy.log + 20.0 * bool(c.keys)
+        return replace(c, hypothesis=replace(c.hypothesis, log=log, rest=1.0, noise=usual.hypothesis.noise))
+
+    kept = [like(c) for c in plain.candidates if c is plain.healthy or c.keys == {wrong}]
     wider = replace(plain, candidates=tuple(kept), incidents=(), gaps=np.full(len(plain.gaps), 1.5))
     found = concluded(wider, np.random.default_rng(1))
     assert (found.verdict, names(found)) == (Verdict.NO_GAP, [])
