@@ -24,7 +24,7 @@ def refusal_sentence(model: Model, whole: Factors, evidence: SignalHistory) -> s
     It detects a frozen or exchanged sensor, an inertial sensor on another axis, a wrong piston area, contact of the
     tool, a load, and a wrong scale of all pressures. When one of these is suspected, errors of the machine file are
     tested, too. The bars of a linkage are not free parameters here: their weight would explain a wrong length
-    (tests/test_unexplained.py).
+    (tests/commissioning/test_unexplained_torque.py).
 
     whole: factors with the tool's columns last
     evidence: history of the raw signals
