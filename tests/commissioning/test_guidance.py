@@ -96,9 +96,8 @@ def test_a_loaded_bucket_is_refused_early(kg):
     assert told[-1].instruction == told[-1].refusal
 
 
-def test_a_tool_on_the_ground_is_refused(monkeypatch):
-    touching(monkeypatch, 0.1, 10e3)
-    *_, last = follow(Guide(FEW_GUIDE.model, every_s=40.0), [samples(FEW, 72)])
+def test_a_tool_on_the_ground_is_refused():
+    *_, last = follow(Guide(FEW_GUIDE.model, every_s=40.0), [samples(FEW, 72, effects=touching(0.1, 10e3))])
     assert "something" in last.refusal
 
 

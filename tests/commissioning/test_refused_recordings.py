@@ -62,10 +62,9 @@ def test_a_load_is_refused(machine, seed, kg):
 
 
 @pytest.mark.parametrize(("seed", "share", "newtons"), on_all(SEEDS, [(0.1, 3e3), (0.05, 30e3), (0.3, 30e3)], 1))
-def test_a_tool_on_the_ground_is_refused(monkeypatch, seed, share, newtons):
-    touching(monkeypatch, share, newtons)
+def test_a_tool_on_the_ground_is_refused(seed, share, newtons):
     with pytest.raises(ValueError, match=r"for about \d+ s something (pressed|acted)"):
-        identify(MODEL, [samples(LOADED, seed)])
+        identify(MODEL, [samples(LOADED, seed, effects=touching(share, newtons))])
 
 
 @pytest.mark.parametrize(("factor", "c"), on_all([1.04, 0.96], [(0,), (1,), (2,)], 1))

@@ -232,12 +232,9 @@ def rival(score):
         (-2.0 * DECISIVE, "^a bore$"),
     ],
 )
-def test_the_better_explanation_is_said_and_both_when_they_explain_alike(monkeypatch, better_by, said):
-    suspected = Suspicion("bore_mm of boom", "a bore")
-    own = rival(0.0)._replace(cause=suspected.cause)
-    found = sorted([own, rival(-better_by)], key=lambda repair: repair.score)
-    monkeypatch.setattr(suspicion, "repairs", lambda *_: tuple(found))
-    assert re.search(said, suspicion.better_explanation(Case(MODEL, recording()), suspected))
+def test_the_better_explanation_is_said_and_both_when_they_explain_alike(better_by, said):
+    suspected, others = Suspicion("bore_mm of boom", "a bore"), (rival(-better_by),)
+    assert re.search(said, suspicion.better_sentence(suspected, 0.0, others))
 
 
 def test_what_is_in_order_needs_no_repair():

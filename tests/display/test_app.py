@@ -5,21 +5,20 @@ import json
 import re
 import struct
 import subprocess
-from gettext import GNUTranslations
 from io import BytesIO
 from pathlib import Path
 
 import httpx
 import numpy as np
 import pytest
-from babel.messages.mofile import write_mo
+from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po
 
 from cylforce.can.opening import open_bus
 from cylforce.display.app import STATIC, PageSources, application
 from cylforce.display.guard import LOCKED_US, TRIES, Guard
 from cylforce.display.listener import LATE_US, Listener
-from cylforce.display.panel import Loading, Panel, TruckState, command_request
+from cylforce.display.panel import Loading, TruckState, command_request
 from cylforce.display.picture import SILENT, Marks, Painter
 from cylforce.display.serving import Display, Served
 from cylforce.display.stream import PATIENCE_S, Feed
@@ -379,7 +378,7 @@ def test_the_compiled_catalogue_is_that_of_its_source(path):
         write_mo(made, read_po(file))
     made.seek(0)
     compiled, source = (
-        {text: said for text, said in GNUTranslations(each)._catalog.items() if text}
+        {message.id: message.string for message in read_mo(each) if message.id}
         for each in (BytesIO(path.with_suffix(".mo").read_bytes()), made)
     )
     assert compiled == source, "pybabel compile -D display -d src/cylforce/display/locale"
@@ -409,7 +408,7 @@ def test_the_panel_says_when_nobody_answers():
     async def main():
         bus = open_bus("virtual:nobody")
         try:
-            return await Panel(Display(SERVED, bus)._network, 64).send_command("zero", 0)
+            return await Display(SERVED, bus).panel.send_command("zero", 0)
         finally:
             bus.close()
 

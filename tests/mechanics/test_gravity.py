@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 
-import statics
 from cylforce.mechanics.gravity import normal_gravity
 from cylforce.service.core import Core
 from cylforce.settings.machine_file import SettingsError, load
@@ -63,10 +62,9 @@ def test_what_cannot_be_is_refused_with_its_key(tmp_path, keys, words):
 
 
 @pytest.mark.parametrize(("known", "right"), [(QUITO, True), (9.80665, False)])
-def test_a_load_in_quito_weighs_what_it_is_only_if_the_machine_knows_where_it_is(monkeypatch, known, right):
+def test_a_load_in_quito_weighs_what_it_is_only_if_the_machine_knows_where_it_is(known, right):
     """Pressures of hand statics with the gravity of Quito; without it arm and load both seem 0.35 % lighter."""
-    monkeypatch.setattr(statics, "G", QUITO)
     service = SERVICE._replace(machine=replace(SERVICE.machine, gravity=known))
-    last = estimates(Core(service, tares()), lambda _: readings(held=(LOAD, 0.7, 0.1)), 6.0)[-1]
+    last = estimates(Core(service, tares()), lambda _: readings(held=(LOAD, 0.7, 0.1), g=QUITO), 6.0)[-1]
     assert last.force.z.value == pytest.approx(-LOAD * QUITO, rel=0.02)
     assert (abs(last.load.mass.value - LOAD) < 1.0) == right

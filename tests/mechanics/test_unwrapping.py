@@ -127,10 +127,10 @@ def test_whole_turns_change_no_direction():
 
 
 @pytest.fixture(params=["interpreted", "chosen"])
-def form(request, monkeypatch):
+def form(request):
     """Each form of the kernel."""
-    if request.param == "interpreted":
-        monkeypatch.setattr(choice, "chosen", lambda: choice.INTERPRETED)
+    with choice.using(choice.INTERPRETED if request.param == "interpreted" else choice.choice().kernel):
+        yield
 
 
 def watched(loaded, angles):

@@ -7,19 +7,22 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 import structlog
 
 from cylforce.can.opening import open_bus
 from cylforce.files.atomic import RecordingError
+from cylforce.files.candump import Sent
 from cylforce.files.logfile import LogWriter
+from cylforce.files.logreader import read_events
 from cylforce.files.rotation import Rotation
 from cylforce.programs.common.readings import header_of, make_core
 from cylforce.programs.live.messages import ROOM, Messages, configure_messages
 from cylforce.programs.live.notify import Manager
 from cylforce.programs.live.station import SOFTWARE
-from cylforce.programs.run import Daemon, _check_log
+from cylforce.programs.run import Daemon, check_log
 from cylforce.service.memory import NOTHING_KEPT
 from failing_daemon import MACHINE, STEPS, after, daemon_on, run
 from scenarios import EXCAVATOR
@@ -29,22 +32,17 @@ def broken():
     raise ZeroDivisionError("a step that fails")
 
 
-def test_a_step_that_raises_ends_the_daemon_after_it_said_so(monkeypatch):
-    daemon = daemon_on("raises")
-    sent = []
+def test_a_step_that_raises_ends_the_daemon_after_it_said_so(tmp_path):
+    log = LogWriter(tmp_path / "run.log", header_of(MACHINE, None, "virtual:raises", NOTHING_KEPT), 1, "raises")
+    daemon = daemon_on("raises", log)
     ticks = after(daemon, STEPS, broken)
-    publish = daemon.node.publish
-
-    def kept(number, data):
-        sent.append((number, data))
-        publish(number, data)
-
-    monkeypatch.setattr(daemon.node, "publish", kept)
     with pytest.raises(ZeroDivisionError):
         run(daemon)
     assert len(ticks) == STEPS  # not one step more
-    last = dict(sent[-len(MACHINE.service.publication) :])
-    assert set(last) == {pdo.number for pdo in MACHINE.service.publication}  # all values once more, as none
+    published = {pdo.can_id for pdo in MACHINE.service.publication}
+    _, events = read_events(tmp_path / "run.log", 10_000)
+    sent = [event.can_id for event in events if isinstance(event, Sent) and event.can_id in published]
+    assert set(sent[-len(published) :]) == published  # all values once more, as none
     assert SOFTWARE in daemon.node.emergencies.active
 
 
@@ -142,7 +140,7 @@ def test_a_step_that_hangs_feeds_no_watchdog(manager):
 
 
 def test_a_log_that_cannot_be_written_now_does_not_keep_the_service_from_starting(tmp_path):
-    _check_log(tmp_path / "absent" / "run.log", (EXCAVATOR,))
+    check_log(tmp_path / "absent" / "run.log", (EXCAVATOR,))
     log = LogWriter(
         tmp_path / "absent" / "run.log", header_of(MACHINE, None, "virtual:nolog", NOTHING_KEPT), 1, "can0",
         report=lambda words: None, rotation=Rotation(10**6, 1),
@@ -166,13 +164,16 @@ def test_a_log_that_cannot_be_meant_is_refused(tmp_path):
         (machine, "would replace another file"),
     ):
         with pytest.raises(RecordingError, match=why):
-            _check_log(log, (machine,))
+            check_log(log, (machine,))
 
 
 def test_without_a_manager_nothing_is_said():
-    assert Manager({})._socket is None
+    """And no socket stays open."""
+    open_files = Path("/proc/self/fd")
+    before = len(list(open_files.iterdir()))
     for environment in ({}, {"NOTIFY_SOCKET": "/nowhere/at/all"}):
         silent = Manager(environment)
         silent.ready()
         silent.alive()
         silent.stopping()
+        assert len(list(open_files.iterdir())) <= before

@@ -17,7 +17,7 @@ from cylforce.canopen.dictionary.object_dictionary import (
     PROTECTION,
     SOFTWARE_ID,
 )
-from cylforce.files.software import short, software_sha256
+from cylforce.files.software import files_sha256, short, software_sha256
 from cylforce.programs.common.addresses import read_code
 from cylforce.programs.common.readings import make_core
 from cylforce.programs.live.books import AUDIT_MOST, AUDIT_US, open_recorder
@@ -196,19 +196,18 @@ def test_many_attempts_fill_neither_disk_nor_queue(tmp_path):
     assert f"{5000 - AUDIT_MOST} entries were withheld" in found[-1].what
 
 
-def test_the_software_id_changes_with_any_file(tmp_path, monkeypatch):
+def test_the_software_id_changes_with_any_file(tmp_path):
     package = tmp_path / "cylforce"
     package.mkdir()
     (package / "__init__.py").write_text("")
     (package / "a.py").write_text("1")
-    monkeypatch.setattr("cylforce.__file__", str(package / "__init__.py"))
     hashes = []
     for text in ("1", "2", "1"):
         (package / "a.py").write_text(text)
-        hashes.append(software_sha256.__wrapped__())
+        hashes.append(files_sha256(package))
     assert hashes[0] == hashes[2] != hashes[1]
     (package / "a.py").rename(package / "b.py")
-    assert software_sha256.__wrapped__() != hashes[0]
+    assert files_sha256(package) != hashes[0]
 
 
 @pytest.mark.parametrize(

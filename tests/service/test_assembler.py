@@ -38,10 +38,10 @@ def test_an_angle_may_turn_by_three_radians_a_second_and_its_own_noise(sign, sec
 
 
 @pytest.fixture(params=["interpreted", "chosen"])
-def form(request, monkeypatch):
+def form(request):
     """Each form of the kernel."""
-    if request.param == "interpreted":
-        monkeypatch.setattr(choice, "chosen", lambda: choice.INTERPRETED)
+    with choice.using(choice.INTERPRETED if request.param == "interpreted" else choice.choice().kernel):
+        yield
 
 
 def judged(values):

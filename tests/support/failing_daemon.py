@@ -16,9 +16,9 @@ MACHINE = load(EXCAVATOR)
 STEPS = 20  # of the daemon before something happens to it
 
 
-def daemon_on(name):
+def daemon_on(name, log=None):
     """A daemon on a bus without sensors."""
-    return Daemon(MACHINE, make_core(MACHINE, None), open_bus(f"virtual:{name}"), None, NOTHING_KEPT)
+    return Daemon(MACHINE, make_core(MACHINE, None), open_bus(f"virtual:{name}"), log, NOTHING_KEPT)
 
 
 def run(daemon, manager=None, done=lambda: False):

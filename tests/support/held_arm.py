@@ -10,7 +10,7 @@ from cylforce.settings.machine_file import load
 from cylforce.signals.codec import encode
 from cylforce.signals.events import Frame, Tick
 from scenarios import EXCAVATOR, fed
-from statics import moments, pressures, torques
+from statics import G, moments, pressures, torques
 
 SERVICE = load(EXCAVATOR).service._replace(adapt=False)
 THETA = np.radians([20.0, -95.0, -30.0])
@@ -29,15 +29,15 @@ def tares(covariance=None, scale_error=0.0):
     return Tares(("coulomb",), names, values, spread, np.full(3, ROW_ERROR), True, 1.0, scale_error)
 
 
-def readings(force=(0.0, 0.0), held=(0.0, 0.0, 0.0), theta=THETA, pitch=PITCH):
-    """What all sensors say, SI, by name."""
+def readings(force=(0.0, 0.0), held=(0.0, 0.0, 0.0), theta=THETA, pitch=PITCH, g=G):
+    """Readings of all sensors by name, SI; `g` is the gravity where the machine stands [m/s^2]."""
     angles = dict(zip(("boom_angle", "stick_angle", "bucket_angle"), theta, strict=True))
-    found = pressures(theta, torques(theta, pitch, held, force))
+    found = pressures(theta, torques(theta, pitch, held, force, g))
     return found | angles | {"pitch": pitch, "roll": 0.0, "slew_rate": 0.0}
 
 
-def estimates(core, course, seconds):
-    """What the service says every 10 ms, `course(t)` being what the sensors say then."""
+def served(core, course, seconds):
+    """The service after these seconds and its estimates, every 10 ms; `course(t)` are the readings at time t [s]."""
     state, found = WeighingService.start(core), []
     for t_us in range(1_000_000, 1_000_000 + round(1e6 * seconds), PERIOD_US):
         said = course((t_us - 1_000_000) * 1e-6)
@@ -45,7 +45,12 @@ def estimates(core, course, seconds):
             fed(state, Frame(t_us, pdo.can_id, encode(pdo, said)))
         out = fed(state, Tick(t_us + 1000))
         found.append(out.estimate)
-    return found
+    return state, found
+
+
+def estimates(core, course, seconds):
+    """The estimates of `served`."""
+    return served(core, course, seconds)[1]
 
 
 # The readings of tilt and slew never change here: that is no fault.

@@ -46,11 +46,14 @@ def length(theta, cylinder):
     return np.hypot(*(rocker + turned(direction, a, 0.0) - foot))
 
 
-def energy(theta, pitch, load, force):
-    """Potential energy [J] of links and load (kg, x, z in the bucket), less the work of a force on the teeth."""
+def energy(theta, pitch, load, force, g=G):
+    """Potential energy [J] of links and load (kg, x, z in the bucket), less the work of a force on the teeth.
+
+    g: gravity [m/s^2]
+    """
     masses = [(link["mass_kg"], k, link["centre_m"]) for k, link in enumerate(LINKS, 1)]
     weights = [(load[0], 3, load[1:]), *masses]
-    lifted = sum(kg * G * place(theta, body, at, pitch)[1] for kg, body, at in weights)
+    lifted = sum(kg * g * place(theta, body, at, pitch)[1] for kg, body, at in weights)
     return lifted - np.dot(force, place(theta, 3, TOOL, pitch))
 
 
@@ -60,9 +63,12 @@ def slope(function, theta):
     return np.array([(function(theta + step) - function(theta - step)) / (2 * H) for step in steps])
 
 
-def torques(theta, pitch=0.0, load=(0.0, 0.0, 0.0), force=(0.0, 0.0)):
-    """What the cylinders must supply at every joint (3,) [N m]."""
-    return slope(lambda t: energy(t, pitch, load, force), theta)
+def torques(theta, pitch=0.0, load=(0.0, 0.0, 0.0), force=(0.0, 0.0), g=G):
+    """What the cylinders must supply at every joint (3,) [N m].
+
+    g: gravity [m/s^2]
+    """
+    return slope(lambda t: energy(t, pitch, load, force, g), theta)
 
 
 def pressures(theta, torque):

@@ -287,11 +287,10 @@ def source(tmp_path):
     return folder.parent
 
 
-def test_labelled_machines_are_asked_like_any_other(source, tmp_path, monkeypatch):
+def test_labelled_machines_are_asked_like_any_other(source, tmp_path):
     """Once each, the first visible recording of a known effect also without it; names of files tell nothing."""
     program = tmp_path / "answers.py"
     program.write_text(ANSWERING)
-    monkeypatch.setattr("trial.source.tares_of", lambda *_: None)
     trial = Trial(tmp_path / "table.jsonl", diagnosis=Diagnosis((sys.executable, str(program))))
     asked = of_folder(trial, source, ("",))
     assert run(trial, asked, 1) == []

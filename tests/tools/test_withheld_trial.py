@@ -333,28 +333,26 @@ class TestKnowledge:
         assert len(list(folder.glob("reference*"))) == references
         assert all((folder / word).exists() for word in words if word.endswith(".parquet"))
 
-    def test_an_identification_comes_from_the_empty_references_once_for_all_cases(self, folder, tmp_path, monkeypatch):
+    def test_an_identification_comes_from_the_empty_references_once_for_all_cases(self, folder, tmp_path):
         read = []
 
         def identify(loaded, recordings, output, how):
             read.append([path.name for path in recordings])
             output.write_text("[identified]\n")
 
-        monkeypatch.setattr("trial.knowledge.run_identify", identify)
         copy = tmp_path.with_name("copy")
         shutil.copytree(folder, copy)
-        with Limited(Knowledge.IDENTIFIED) as limited:
+        with Limited(Knowledge.IDENTIFIED, identify) as limited:
             assert [limited.apply(path) for path in (folder, copy)] == [["identified.toml"]] * 2
         assert read == [["reference_empty.parquet"]]
         assert arguments(copy)[-4:-2] == ["--identified", "identified.toml"]
         assert "--reference" not in arguments(folder)
 
-    def test_where_no_reference_suffices_the_data_sheet_remains(self, folder, monkeypatch):
+    def test_where_no_reference_suffices_the_data_sheet_remains(self, folder):
         def refuse(*_):
             raise ValueError("too short")
 
-        monkeypatch.setattr("trial.knowledge.run_identify", refuse)
-        with Limited(Knowledge.IDENTIFIED) as limited:
+        with Limited(Knowledge.IDENTIFIED, refuse) as limited:
             assert limited.apply(folder) == []
         assert not {"--identified", "--reference"} & set(arguments(folder))
 

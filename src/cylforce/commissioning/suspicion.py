@@ -77,7 +77,15 @@ def better_explanation(case: Case, suspected: Suspicion) -> str:
     others = tuple(repair for repair in good if repair.cause != suspected.cause)
     if not others:
         return suspected.sentence
-    score = suspicion_score(case, suspected, good)
+    return better_sentence(suspected, suspicion_score(case, suspected, good), others)
+
+
+def better_sentence(suspected: Suspicion, score: float, others: tuple[Repair, ...]) -> str:
+    """Return the sentence of the better explanation; both when neither is decisively better (DECISIVE).
+
+    score:  criterion of the suspicion
+    others: corrections with which the recording fits, the best one first
+    """
     if score < others[0].score - DECISIVE:
         return suspected.sentence
     words = f"the recording fits with {', or with '.join(repair.words for repair in others)}"

@@ -1,7 +1,13 @@
 """The kernel of a step: equal to the laws of the effects, and compiled the same bits as interpreted."""
 
+import os
 import re
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -35,13 +41,13 @@ DT = 0.01
 
 
 @pytest.fixture(params=["interpreted", pytest.param("compiled", marks=pytest.mark.compiled)])
-def kernel(request, monkeypatch):
+def kernel(request):
     """Each form of the kernel; the tests need both."""
     found = choice.INTERPRETED if request.param == "interpreted" else choice.choice().kernel
     if request.param == "compiled" and found is choice.INTERPRETED:
         pytest.fail(f"there is no compiled kernel of this source: python hatch_build.py. {choice.choice().refused}")
-    monkeypatch.setattr(choice, "chosen", lambda: found)
-    return found
+    with choice.using(found):
+        yield found
 
 
 def machine_of(name):
@@ -320,27 +326,27 @@ def test_what_a_slipped_angle_adds_is_that_of_gravity_and_levers(kernel, name):
 
 
 @pytest.mark.compiled
-def test_both_forms_give_the_same_bits(monkeypatch):
+def test_both_forms_give_the_same_bits():
     """A digging cycle: every number of the state, and the bytes of every PDO."""
     loaded = load(CONFIG / "excavator_20t.toml")
     tares, (events, _) = identified(loaded), cycles(loaded, count=1)
     ways = []
     for form in (choice.INTERPRETED, choice.choice().kernel):
-        monkeypatch.setattr(choice, "chosen", lambda form=form: form)
-        core, found = Core(loaded.service, tares), []
-        service = WeighingService.start(core)
-        for event in events:
-            out = fed(service, event)
-            if isinstance(event, Tick):
-                whole = (
-                    service.load.lift.numbers,
-                    service.inputs.state,
-                    service.force.noise.numbers,
-                    service.recognizer.gram,
-                    service.pipeline.state or b"",
-                )
-                sent = frames(core.service.publication, out.estimate)
-                found.append((sent, [bytes(memoryview(numbers)) for numbers in whole]))
+        with choice.using(form):
+            core, found = Core(loaded.service, tares), []
+            service = WeighingService.start(core)
+            for event in events:
+                out = fed(service, event)
+                if isinstance(event, Tick):
+                    whole = (
+                        service.load.lift.numbers,
+                        service.inputs.state,
+                        service.force.noise.numbers,
+                        service.recognizer.gram,
+                        service.pipeline.state or b"",
+                    )
+                    sent = frames(core.service.publication, out.estimate)
+                    found.append((sent, [bytes(memoryview(numbers)) for numbers in whole]))
         ways.append(found)
     assert choice.choice().kernel is not choice.INTERPRETED
     assert service.estimate.booking is not None
@@ -355,12 +361,15 @@ def test_a_kernel_of_another_source_is_refused_with_a_sentence():
     )
 
 
-@pytest.mark.compiled
-def test_a_kernel_for_another_processor_is_refused_with_a_sentence(monkeypatch):
-    def foreign(name):
-        raise ImportError("wrong ELF class")
-
-    monkeypatch.setattr(choice, "import_module", foreign)
-    found = choice.choice.__wrapped__()
-    assert found.kernel is choice.INTERPRETED
-    assert "for another processor or Python (wrong ELF class)" in found.refused
+def test_a_kernel_for_another_processor_is_refused_with_a_sentence(tmp_path):
+    """A file that this processor cannot load stands in the place of the compiled kernel."""
+    source = Path(choice.__file__).parents[2]
+    shutil.copytree(source, tmp_path / source.name, ignore=shutil.ignore_patterns("__pycache__", "compiled.*"))
+    kernel = tmp_path / source.name / Path(choice.__file__).parent.relative_to(source)
+    (kernel / f"{choice.COMPILED}{EXTENSION_SUFFIXES[0]}").write_bytes(b"foreign")
+    code = "from cylforce.estimation.kernel import choice as c; print(c.chosen() is c.INTERPRETED, c.choice().refused)"
+    command = [sys.executable, "-B", "-c", code]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.startswith("True the compiled kernel was not taken, the interpreted one runs: compiled.")
+    assert "for another processor or Python (" in done.stdout

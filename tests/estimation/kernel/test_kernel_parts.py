@@ -26,11 +26,11 @@ SEED = 83
 
 
 @pytest.fixture(params=["interpreted", pytest.param("compiled", marks=pytest.mark.compiled)])
-def kernel(request, monkeypatch):
+def kernel(request):
     """Each form of the kernel."""
     found = choice.INTERPRETED if request.param == "interpreted" else choice.choice().kernel
-    monkeypatch.setattr(choice, "chosen", lambda: found)
-    return found
+    with choice.using(found):
+        yield found
 
 
 @pytest.mark.parametrize("name", ["excavator_20t", "excavator_stick_bucket", "wheel_loader"])

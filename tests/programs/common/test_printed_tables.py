@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from cylforce.effects.library import proposals
-from cylforce.programs.common.progress import _of_all
+from cylforce.programs.common.progress import over_all
 from cylforce.programs.common.tables import fitting, print_table
 from cylforce.programs.gap_output import show_effects
 from cylforce.settings.machine_file import load
@@ -64,7 +64,7 @@ def test_headers_are_wrapped_before_cells(room, widths):
 def test_the_bar_counts_whole_steps():
     """Three things are done, the second of them twice told; more than promised never exceed the bar."""
     with Progress(disable=True) as bar:
-        watch, seen = _of_all(bar, 3), []
+        watch, seen = over_all(bar, 3), []
         for doing, share in (("reading", None), ("reading", 0.5), ("fitting", None), ("drawing", 1.0), ("more", None)):
             watch(doing, share)
             seen.append((bar.tasks[0].description, bar.tasks[0].completed))

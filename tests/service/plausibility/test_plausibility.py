@@ -36,7 +36,7 @@ from cylforce.simulation.trajectory import JointCourse, Move
 from faulting.edits import BAR, Fault, edited, named
 from machines import excavator, stick_and_bucket
 from rig import monitored, readings, rig, stepped
-from scenarios import EXCAVATOR, cycles, identified, played, scene, through, with_value
+from scenarios import EXCAVATOR, cycles, fed, identified, played, scene, through, with_value
 
 STEPS, NONE = GROUP * GROUPS, np.zeros(0)
 
@@ -367,13 +367,15 @@ def test_what_is_suspected_is_stored_with_the_state(spoilt):
     assert again.monitor.suspicion == state.monitor.suspicion
 
 
-def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_made(machine, monkeypatch):
+def test_with_some_evidence_that_a_signal_is_off_nothing_is_ok_and_no_booking_made(machine):
     core, events, masses = machine
     some = ConstantOffset(0, 5.0, 1.01 * UNSURE, True)
-    monkeypatch.setattr(VoteConstants, "likeliest", lambda *_: some)
-    begun = WeighingService.start(core)
-    begun.monitor.detector(ConstantError).offset = some
-    state, estimates, _ = through(core, events, begun)
+    state = WeighingService.start(core)
+    votes = state.monitor.detector(ConstantError)
+    votes.offset = some
+    votes.constants = SimpleNamespace(likeliest=lambda blocks: some, suspicion=votes.constants.suspicion)
+    outcomes = [fed(state, event) for event in events]
+    estimates = [out.estimate for out in outcomes if out.estimate is not None]
     for shown in ({e.gross.status for e in estimates}, {e.force.x.status for e in estimates}):
         assert shown == {Status.DEGRADED, Status.INVALID}
     assert state.monitor.suspicion == NOTHING_SUSPECTED

@@ -1,5 +1,8 @@
 """Choice of the kernel's form: compiled if it was compiled from this source for this processor, else interpreted."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from importlib import import_module
 from importlib.resources import files
@@ -124,6 +127,19 @@ def matching(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled m
     return Choice(INTERPRETED, f"the compiled kernel was not taken, the interpreted one runs: {why}")
 
 
+_given: ContextVar[Kernel | None] = ContextVar("kernel", default=None)
+
+
 def chosen() -> Kernel:
-    """Return the kernel in use."""
-    return choice().kernel
+    """Return the kernel in use: that of the block `using`, else that of the process."""
+    return _given.get() or choice().kernel
+
+
+@contextmanager
+def using(kernel: Kernel) -> Iterator[None]:
+    """Use a kernel for all that is made within the block, to compare or to watch kernels."""
+    before = _given.set(kernel)
+    try:
+        yield
+    finally:
+        _given.reset(before)
