@@ -11,7 +11,7 @@ from cylforce.commissioning.identification import identify
 from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.files.logfile import file_sha256
-from cylforce.files.tables import read_table, write_table
+from cylforce.files.tables import Table, read_table, write_table
 from cylforce.programs.cli import app
 from cylforce.programs.common.progress import progress_bar, watched
 from cylforce.programs.common.readings import model_of, named_segments
@@ -22,9 +22,11 @@ from cylforce.programs.reports.evidence import evidence, friction, push
 from cylforce.programs.reports.findings import findings
 from cylforce.programs.sim import run_sim
 from cylforce.settings.machine_file import load
-from cylforce.simulation import scenario
+from cylforce.simulation.scenario import moves
+from cylforce.simulation.sensing import run, sensors
+from cylforce.simulation.trajectory import JointCourse
 from pages import Page, check_one_file
-from scenarios import EXCAVATOR
+from scenarios import EXCAVATOR, truth_of
 from scenarios import moved as empty_moves
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -33,13 +35,21 @@ SECTIONS = ("next", "torques", "residuals", "coverage", "weighing", "parameters"
 FIGURES = ("torques", "residuals", "coverage", "weighing", "parameters", "laws")
 
 
-def moved(folder, machine, *, joints=None, duration=40.0):
-    """A recording of empty moves, of some joints only."""
+def moved(folder, machine):
+    """A recording of empty moves."""
     path = folder / f"{machine.stem}.csv"
-    with pytest.MonkeyPatch.context() as patch:
-        if joints is not None:
-            patch.setattr(scenario, "driven", lambda _: joints)
-        run_sim(machine, scenario="moves", duration=duration, seed=3, table=path)
+    run_sim(machine, scenario="moves", duration=40.0, seed=3, table=path)
+    return path
+
+
+def moved_without_the_boom(path, loaded):
+    """A recording of empty moves of all joints but the first."""
+    service = loaded.service
+    every = moves(service.machine, np.random.default_rng(3), 80.0)
+    scene = every._replace(joints=(JointCourse(every.joints[0].begin), *every.joints[1:]))
+    made, rng = sensors(service.machine, service.nodes), np.random.default_rng(4)
+    (record,) = run(service.machine, truth_of(loaded), made, [scene], dt=1.0 / service.filters.rate_hz, rng=rng)
+    write_table(path, Table(record.t, record.values, tuple(s.name for s in service.machine.signals)))
     return path
 
 
@@ -95,7 +105,8 @@ def test_it_says_what_was_found(made, tmp_path):
 def still(tmp_path_factory):
     """(loaded, identification, evidence) of an excavator whose boom never moved."""
     folder, machine = tmp_path_factory.mktemp("still"), CONFIG / "excavator_20t.toml"
-    loaded, recording = load(machine), moved(folder, machine, joints=(1, 2))
+    loaded = load(machine)
+    recording = moved_without_the_boom(folder / "still.csv", loaded)
     found = run_identify(loaded, [recording], folder / "identified.toml")
     return loaded, found, evidence(found.model, found.tares, named_segments(loaded, [recording]))
 

@@ -2,9 +2,10 @@
 
 import csv
 import json
+import resource
 import sqlite3
 import struct
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -272,16 +273,27 @@ def test_a_file_that_cannot_be_read_is_kept_aside(path, spoil):
         assert len(bookings(found)) == 1
 
 
+@contextmanager
+def no_more_room():
+    """No file grows beyond 100 kB: a write beyond that fails, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
 def test_a_full_disk_stops_the_records_only(path):
     told = []
     recorder = Recorder(path, START, told.append)
-    recorder._connection.execute("PRAGMA max_page_count = 1")
     kept = recorder.kept
-    for _ in range(2000):
-        change = booked(kept, 10.0)
-        recorder.put(change)
-        kept = change.kept
-    recorder.close()
+    with no_more_room():
+        for _ in range(2000):
+            change = booked(kept, 10.0)
+            recorder.put(change)
+            kept = change.kept
+        recorder.close()
     assert "no more bookings are recorded (" in recorder.failure
     assert told == [recorder.failure]
 

@@ -1,6 +1,7 @@
 """The seal of identified.toml: what was edited is named; a change on purpose is sealed anew, with its reason."""
 
 import getpass
+import re
 import tomllib
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
@@ -12,7 +13,7 @@ import tomlkit
 
 from command_line import cylforce_
 from cylforce.commissioning.identification import Identification
-from cylforce.files import software
+from cylforce.files.software import controller_id
 from cylforce.programs.common.readings import model_of
 from cylforce.programs.live.books import kept_by
 from cylforce.settings.identified import identified_seal, read_identified, seal_again, write_identified
@@ -156,18 +157,31 @@ def test_every_flipped_character_of_a_seal_breaks_it():
     assert broken({"a": 1.5}, made) == ("b",)
 
 
-def test_a_file_of_another_controller_is_told_until_it_is_sealed_here(file, monkeypatch, tmp_path):
-    here = tmp_path / "machine-id"
-    here.write_text("0123456789abcdef0123456789abcdef\n")
-    monkeypatch.setattr(software, "MACHINE_ID", here)
+def test_a_file_of_another_controller_is_told_until_it_is_sealed_here(file):
+    def sealed_elsewhere(said):
+        content = {key: value for key, value in said.unwrap().items() if key != "seal"}
+        said["seal"] = sealed(content, None, "2026-01-01", "why", "who", "another").model_dump()
+
+    assert not kept_by(None, file).unconfirmed
+    edit(file, sealed_elsewhere)
+    assert read_identified(file, MACHINE).identified
     assert kept_by(None, file).unconfirmed
     assert not kept_by(None, None).unconfirmed  # of the data sheet
     seal_again(file, MACHINE, "copied from the laptop")
     assert read_identified(file, MACHINE).identified
     assert not kept_by(None, file).unconfirmed
-    here.unlink()
-    assert kept_by(None, file).unconfirmed
-    assert here.name not in file.read_text()
+
+
+def test_a_controller_is_known_by_a_hash_of_its_machine_id(tmp_path):
+    """The machine id itself does not leave the computer."""
+    path, ids = tmp_path / "machine-id", ("0123456789abcdef0123456789abcdef", "0123456789abcdef0123456789abcdee")
+    assert controller_id(path) == ""
+    found = []
+    for text in ids:
+        path.write_text(f"{text}\n")
+        found.append(controller_id(path))
+    assert len(set(found)) == 2
+    assert all(re.fullmatch("[0-9a-f]{16}", each) and each not in text for each, text in zip(found, ids, strict=True))
 
 
 def test_a_seal_from_before_controllers_is_whole():
