@@ -5,7 +5,9 @@ import shutil
 import signal
 import socket
 import tempfile
+import threading
 import time
+from contextlib import contextmanager
 
 import can
 import fsspec
@@ -16,9 +18,11 @@ import pytest
 from cylforce.files.atomic import RecordingError
 from cylforce.files.recording import open_pieces, sensor_frames
 from cylforce.fleet.changes import Shape
+from cylforce.programs.common.progress import silent
 from cylforce.programs.common.usual_file import everyday_from, everyday_of, read_usual
 from cylforce.programs.common.usual_tables import UsualQuantity
 from cylforce.programs.fleet import gathering, page, store, task, workers
+from cylforce.programs.fleet.kept import KeptResults, packed
 from cylforce.programs.fleet.run import Wanted, run_fleet
 from cylforce.programs.fleet.workers import Where
 from cylforce.programs.identify import JOINTLY, run_identify
@@ -36,17 +40,20 @@ def run(folder, output, cache, **more):
     return run_fleet(Wanted((str(folder),), output, cache=cache, **more), HERE, say=lambda _: None)
 
 
-def looked_at(monkeypatch):
-    """Names of the recordings that are looked at from now on."""
-    seen = []
-    real = task.chosen
+@contextmanager
+def looked_at(folder, cache):
+    """Names of the recordings of a folder that are computed within the block: their results in the cache are new."""
+    seen, before = [], results_in(cache)
+    yield seen
+    new = {key for key, _ in results_in(cache) - before}
+    text = (folder / "machine.toml").read_text()
+    names = {path.name: task.key_of(task.content_sha256(str(path)), text) for path in sorted(folder.glob("*/*"))}
+    seen.extend(name for name, key in names.items() if key in new)
 
-    def chosen(loaded, paths, loads, **rest):
-        seen.extend(path.name for path in paths)
-        return real(loaded, paths, loads, **rest)
 
-    monkeypatch.setattr(task, "chosen", chosen)
-    return seen
+def results_in(cache):
+    """Keys of the results in a cache, each with the time at which it was written."""
+    return {(path.stem, path.stat().st_mtime_ns) for path in cache.glob("*.result")}
 
 
 def rows_of(path):
@@ -144,46 +151,43 @@ def test_every_machine_has_a_page_of_its_own(few, tmp_path):
     assert sorted(titles) == ["EX 7", name_of(1), "EX_7"]
 
 
-def test_a_second_run_looks_at_nothing_and_says_the_same(small, tmp_path, monkeypatch):
+def test_a_second_run_looks_at_nothing_and_says_the_same(small, tmp_path):
     base, _, _ = small
-    seen = looked_at(monkeypatch)
-    run(base / "data", tmp_path / "again.parquet", base / "cache")
+    with looked_at(base / "data", base / "cache") as seen:
+        run(base / "data", tmp_path / "again.parquet", base / "cache")
     assert seen == []
     assert rows_of(tmp_path / "again.parquet").equals(rows_of(base / "results.parquet"))
 
 
-def test_only_new_content_is_looked_at(few, monkeypatch, tmp_path):
+def test_only_new_content_is_looked_at(few, tmp_path):
     """A copy of a known recording has its hash; a new one is computed."""
     folder, cache = few
     one, two = sorted((folder / name_of(1)).iterdir())
     shutil.copy(one, two.with_name(f"{day_of(20)}.parquet"))
-    seen = looked_at(monkeypatch)
-    run(folder, tmp_path / "r.parquet", cache)
+    with looked_at(folder, cache) as seen:
+        run(folder, tmp_path / "r.parquet", cache)
     assert seen == []
     table = pq.read_table(two).slice(0, 2500)
     pq.write_table(table, two.with_name(f"{day_of(21)}.parquet"))
-    run(folder, tmp_path / "r.parquet", cache)
+    with looked_at(folder, cache) as seen:
+        run(folder, tmp_path / "r.parquet", cache)
     assert seen == [f"{day_of(21)}.parquet"]
 
 
-def test_a_killed_run_goes_on(few, tmp_path, monkeypatch):
+def test_a_killed_run_goes_on(few, tmp_path):
     """What was done before the end is kept, and can be read."""
-    folder, _ = few
-    seen, count = looked_at(monkeypatch), []
-    real = task.evidence
+    folder, cache = few[0], tmp_path / "cache"
 
-    def evidence(model, recorded):
-        count.append(1)
-        if len(count) == 2:
+    def ends_after_the_first(what, share):
+        if what == "recordings" and share:
             raise KeyboardInterrupt
-        return real(model, recorded)
 
-    monkeypatch.setattr(task, "evidence", evidence)
-    with pytest.raises(KeyboardInterrupt):
-        run(folder, tmp_path / "r.parquet", tmp_path / "cache")
-    assert len(seen) == 2
-    run(folder, tmp_path / "r.parquet", tmp_path / "cache")
-    assert len(seen) == 3
+    wanted = Wanted((str(folder),), tmp_path / "r.parquet", cache=cache)
+    with looked_at(folder, cache) as first, pytest.raises(KeyboardInterrupt):
+        run_fleet(wanted, HERE, ends_after_the_first, lambda _: None)
+    with looked_at(folder, cache) as rest:
+        run(folder, tmp_path / "r.parquet", cache)
+    assert [first, rest] == [[f"{day_of(k)}.parquet"] for k in (0, 1)]
 
 
 def test_a_worker_that_ends_for_want_of_memory(few, tmp_path, monkeypatch):
@@ -207,8 +211,8 @@ def test_a_worker_that_ends_for_want_of_memory(few, tmp_path, monkeypatch):
     assert set(states.values()) <= {"ok", "doubtful"}
     assert "for want of memory: split the file" in reasons(result)[name_of(1), bad.name]
     monkeypatch.undo()
-    seen = looked_at(monkeypatch)
-    run(folder, tmp_path / "r.parquet", tmp_path / "cache")
+    with looked_at(folder, tmp_path / "cache") as seen:
+        run(folder, tmp_path / "r.parquet", tmp_path / "cache")
     assert seen == [bad.name]
 
 
@@ -240,18 +244,18 @@ def test_a_worker_that_is_killed_once_changes_nothing(three, tmp_path, monkeypat
     assert said[0].startswith("2 workers of at most 800MB; dashboard http://127.0.0.1:")
 
 
-def test_the_order_of_the_work_changes_nothing(three, tmp_path, monkeypatch):
-    run(three, tmp_path / "one.parquet", None)
-    real, orders = gathering.computed, []
+def test_the_order_of_the_work_changes_nothing(three):
+    def result(outcome):
+        return packed(outcome._replace(facts={k: v for k, v in outcome.facts.items() if k not in OF_THE_RUN}))
 
-    def computed(function, jobs, *more):
-        orders.append([job.address for (job,) in jobs[::-1]])
-        real(function, jobs[::-1], *more)
-
-    monkeypatch.setattr(gathering, "computed", computed)
-    run(three, tmp_path / "two.parquet", None)
-    assert orders[0] == sorted(orders[0], reverse=True)
-    assert rows_of(tmp_path / "one.parquet").equals(rows_of(tmp_path / "two.parquet"))
+    found = store.found_in((str(three),))
+    ways = []
+    for order in (found, found[::-1]):
+        reading = gathering.FleetReading(order, KeptResults(None), HERE, silent, lambda _: None, lambda _: None)
+        gathered = reading.gathered()
+        assert [each.stored for each in gathered] == order
+        ways.append({each.stored.address: result(each.outcome) for each in gathered})
+    assert ways[0] == ways[1]
 
 
 def test_results_are_read_while_the_work_goes_on(three, tmp_path):
@@ -439,20 +443,24 @@ class TestBadInput:
         assert len(said) == 2
         assert all("machine.toml" in reason for reason in said.values())
 
-    def test_a_file_that_changes_while_it_is_read(self, few, tmp_path, monkeypatch):
-        folder, _ = few
-        real = task.evidence
+    def test_a_file_that_changes_while_it_is_read(self, few, tmp_path):
+        """Another thread writes to it every few milliseconds, hundreds of times while it is computed."""
+        folder, complete = few[0], threading.Event()
+        path = folder / name_of(1) / f"{day_of(0)}.parquet"
 
-        def evidence(model, recorded):
-            path = folder / name_of(1) / f"{day_of(0)}.parquet"
-            os.utime(path, ns=(1, time.time_ns()))
-            return real(model, recorded)
+        def still_written():
+            while not complete.wait(0.003):
+                path.touch()
 
-        monkeypatch.setattr(task, "evidence", evidence)
-        result = run(folder, tmp_path / "r.parquet", tmp_path / "cache")
+        writer = threading.Thread(target=still_written)
+        writer.start()
+        try:
+            result = run(folder, tmp_path / "r.parquet", tmp_path / "cache")
+        finally:
+            complete.set()
+            writer.join()
         assert result.rows[0]["state"] == "changed while read"
         assert "run again" in result.rows[0]["reason"]
-        monkeypatch.undo()
         assert run(folder, tmp_path / "r.parquet", tmp_path / "cache").rows[0]["state"] == "ok"
 
     def test_a_clock_that_runs_backwards_within_a_recording(self, few, tmp_path):
@@ -517,7 +525,7 @@ class TestBadInput:
         with pytest.raises(RecordingError, match="cannot be reached"):
             run_fleet(wanted, Where(f"tcp://127.0.0.1:{closed_port}", connect_s=1.0))
 
-    def test_a_scheduler_that_ends_while_it_works(self, three, tmp_path, monkeypatch):
+    def test_a_scheduler_that_ends_while_it_works(self, three, tmp_path):
         """A sentence, and what was done is kept."""
         import dask
         from distributed import LocalCluster
@@ -532,8 +540,8 @@ class TestBadInput:
             wanted = Wanted((str(three),), tmp_path / "r.parquet", cache=tmp_path / "cache")
             with pytest.raises(RecordingError, match=r"the scheduler ended, .*: what was done is kept"):
                 run_fleet(wanted, Where(cluster.scheduler_address, connect_s=1.0, ahead=1), watch, lambda _: None)
-        seen = looked_at(monkeypatch)
-        run(three, tmp_path / "r.parquet", tmp_path / "cache")
+        with looked_at(three, tmp_path / "cache") as seen:
+            run(three, tmp_path / "r.parquet", tmp_path / "cache")
         assert seen == [f"{day_of(k)}.parquet" for k in (1, 2)]
 
     def test_the_extra_that_is_missing(self, monkeypatch):
@@ -572,8 +580,8 @@ def test_a_store_by_its_s3_interface(few, tmp_path, monkeypatch):
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "scratch"))
         result = run("s3://fleet/data", tmp_path / "far.parquet", tmp_path / "cache")
         assert list((tmp_path / "scratch").iterdir()) == []  # no file is copied to disk
-        seen = looked_at(monkeypatch)
-        run("s3://fleet/data", tmp_path / "again.parquet", tmp_path / "cache")
+        with looked_at(folder, tmp_path / "cache") as seen:
+            run("s3://fleet/data", tmp_path / "again.parquet", tmp_path / "cache")
         assert seen == []
     finally:
         server.stop()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from command_line import cylforce_
 from cylforce.diagnosis.explain import WIDEST
 from cylforce.diagnosis.model import REGIMES
 from cylforce.effects.imposed import imposed
@@ -62,11 +63,8 @@ def files(tmp_path_factory):
 
 def gap(capsys, *words):
     """The command in this process: (exit code, output, errors), on one line each."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["cylforce", "gap", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-    return end.value.code or 0, *(" ".join(text.split()) for text in capsys.readouterr())
+    code = cylforce_("gap", *words)
+    return code, *(" ".join(text.split()) for text in capsys.readouterr())
 
 
 @pytest.fixture(scope="module")
