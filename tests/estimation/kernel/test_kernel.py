@@ -1,10 +1,7 @@
 """The kernel of a step: equal to the laws of the effects, and compiled the same bits as interpreted."""
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
@@ -361,15 +358,12 @@ def test_a_kernel_of_another_source_is_refused_with_a_sentence():
     )
 
 
-def test_a_kernel_for_another_processor_is_refused_with_a_sentence(tmp_path):
-    """A file that this processor cannot load stands in the place of the compiled kernel."""
-    source = Path(choice.__file__).parents[2]
-    shutil.copytree(source, tmp_path / source.name, ignore=shutil.ignore_patterns("__pycache__", "compiled.*"))
-    kernel = tmp_path / source.name / Path(choice.__file__).parent.relative_to(source)
-    (kernel / f"{choice.COMPILED}{EXTENSION_SUFFIXES[0]}").write_bytes(b"foreign")
-    code = "from cylforce.estimation.kernel import choice as c; print(c.chosen() is c.INTERPRETED, c.choice().refused)"
-    command = [sys.executable, "-B", "-c", code]
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout.startswith("True the compiled kernel was not taken, the interpreted one runs: compiled.")
-    assert "for another processor or Python (" in done.stdout
+def test_a_kernel_for_another_processor_is_refused_with_a_sentence(tmp_path, monkeypatch):
+    """Beside a copy of the source is a file that this processor cannot load."""
+    source = Path(choice.__file__).parent
+    shutil.copytree(source, tmp_path / "copied_kernel", ignore=shutil.ignore_patterns("__pycache__", "compiled.*"))
+    (tmp_path / "copied_kernel" / f"{choice.COMPILED}{EXTENSION_SUFFIXES[0]}").write_bytes(b"foreign")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = choice.choice_in("copied_kernel")
+    assert found.kernel is choice.INTERPRETED
+    assert f"{choice.COMPILED}{EXTENSION_SUFFIXES[0]} is for another processor or Python (" in found.refused
