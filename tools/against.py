@@ -138,10 +138,9 @@ def grouped(events: Sequence[Event]) -> Iterator[list[Event]]:
 
 def kernel_alone(core: Core, events: Sequence[Event], rounds: int, found: Times) -> None:
     """Of each group of steps the time in the kernel's functions, less that of asking the clock."""
-    watched, before = Kernel(choice.chosen()), choice.chosen
+    watched = Kernel(choice.chosen())
     empty = min(asked() for _ in range(1000))
-    choice.chosen = lambda: watched
-    try:
+    with choice.using(watched):
         fresh = Core(core.service, core.tares)
         for _ in range(rounds):
             weighing = WeighingService.start(fresh)
@@ -152,8 +151,6 @@ def kernel_alone(core: Core, events: Sequence[Event], rounds: int, found: Times)
                 for name, functions in (("rows", ROWS), ("solve", SOLVE)):
                     us = [1e6 * (watched.took[f] / GROUP - empty) for f in functions if f in watched.took]
                     found[name].append(sum(us))
-    finally:
-        choice.chosen = before
 
 
 def asked() -> float:

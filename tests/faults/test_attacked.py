@@ -68,7 +68,7 @@ HANGING = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from cylforce.programs.live.notify import Manager
-from test_failing import STEPS, after, daemon_on, run
+from failing_daemon import STEPS, after, daemon_on, run
 
 def hang():
     print("hangs", flush=True)
@@ -100,7 +100,7 @@ def test_a_step_that_hangs_is_ended_by_its_watchdog(tmp_path):
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
         heard.bind(str(place))
         surroundings = {**os.environ, "NOTIFY_SOCKET": str(place)}
-        command = (sys.executable, "-c", HANGING, str(TESTS))
+        command = (sys.executable, "-c", HANGING, str(TESTS / "support"))
         with subprocess.Popen(command, env=surroundings, stdout=subprocess.PIPE, text=True) as daemon:
             try:
                 while "hangs" not in daemon.stdout.readline():

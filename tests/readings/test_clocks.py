@@ -1,5 +1,5 @@
 """Pressures and angles that are not on one clock are noticed before any effect is named, and nothing else is taken for
-that. (Our own simulator; a real machine: test_crane_gap.py.)"""
+that. (Our own simulator; a real machine: tools/test_crane_gap.py.)"""
 
 import numpy as np
 import pytest

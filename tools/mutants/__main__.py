@@ -31,27 +31,38 @@ class Room(NamedTuple):
 
 
 ROOMS = {
-    "codec": Room(("signals/codec.py",), ("test_codec.py",)),
+    "codec": Room(("signals/codec.py",), ("signals/test_codec.py",)),
     "assembler": Room(
         ("service/assembler.py", "service/senders/*.py", "estimation/kernel/inputs.py"),
-        ("test_codes.py", "test_assembler.py", "test_kernel_parts.py", "test_who_sends.py", "test_step.py"),
+        (
+            "service/test_published_codes.py",
+            "service/test_assembler.py",
+            "estimation/kernel/test_kernel_parts.py",
+            "service/senders/test_senders.py",
+            "service/test_bad_input.py",
+        ),
     ),
     "gates": Room(
         ("service/service.py", "service/force.py", "service/recognition.py", "signals/estimate.py"),
         (
-            "test_codes.py",
-            "test_other_tool.py",
-            "test_recognition.py",
-            "test_outage.py",
-            "test_truth.py",
-            "test_step.py",
+            "service/test_published_codes.py",
+            "service/test_tool_check.py",
+            "service/test_recognition.py",
+            "service/test_outage.py",
+            "service/test_truth_at_rest.py",
+            "service/test_bad_input.py",
         ),
     ),
     "plausibility": Room(
         ("service/plausibility/*.py", "service/plausibility/detectors/*.py", "estimation/kernel/pressures.py"),
         (
-            *("test_codes.py", "test_reversing.py", "test_resting.py", "test_returning.py"),
-            *("test_leaps.py", "test_plausibility.py", "test_unnoticed.py"),
+            "service/test_published_codes.py",
+            "service/plausibility/test_reversals.py",
+            "service/plausibility/test_frozen_at_rest.py",
+            "service/plausibility/test_revoked_steps.py",
+            "service/plausibility/test_pressure_steps.py",
+            "service/plausibility/test_plausibility.py",
+            "service/plausibility/test_undetected.py",
         ),
     ),
     "store": Room(
@@ -63,7 +74,14 @@ ROOMS = {
             "files/atomic.py",
             "files/checkpoint.py",
         ),
-        ("test_store.py", "test_audit.py", "test_records.py", "test_recorded.py", "test_kept.py", "test_logfile.py"),
+        (
+            "files/test_stored_files.py",
+            "records/test_audit.py",
+            "records/test_records.py",
+            "programs/common/test_recorded.py",
+            "programs/test_restart.py",
+            "files/test_logfile.py",
+        ),
     ),
 }
 

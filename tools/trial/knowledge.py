@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any, Self
 from cylforce.files.atomic import RecordingError
 from cylforce.programs.common.machine_statistics import statistics_path
 from cylforce.programs.identify import How, run_identify, run_statistics
-from cylforce.settings.machine_file import load
+from cylforce.settings.machine_file import Loaded, load
 
 Record = dict[str, Any]
 IDENTIFIED = "identified.toml"
@@ -34,9 +35,13 @@ class Limited:
     """Takes from the folders of one machine's cases what the diagnosis shall not know. A context manager.
 
     Tares, and statistics beside them, are identified once from the empty references of a case.
+
+    knowledge: how much the diagnosis is given
+    identify:  writes the tares of some recordings
     """
 
     knowledge: Knowledge
+    identify: Callable[[Loaded, list[Path], Path, How], object] = run_identify
     _kept: dict[tuple[str, ...], Path | None] = field(default_factory=dict)
     _folder: TemporaryDirectory[str] | None = None
 
@@ -101,7 +106,7 @@ class Limited:
             if given:
                 shutil.copy(folder / given, tares)
             else:
-                run_identify(loaded, paths, tares, How(refuse=False))
+                self.identify(loaded, paths, tares, How(refuse=False))
             if self.knowledge is Knowledge.STATISTICS:
                 run_statistics(loaded, paths, tares)
         except (RecordingError, ValueError):

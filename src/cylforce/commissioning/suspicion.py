@@ -24,7 +24,7 @@ def refusal_sentence(model: Model, whole: Factors, evidence: SignalHistory) -> s
     It detects a frozen or exchanged sensor, an inertial sensor on another axis, a wrong piston area, contact of the
     tool, a load, and a wrong scale of all pressures. When one of these is suspected, errors of the machine file are
     tested, too. The bars of a linkage are not free parameters here: their weight would explain a wrong length
-    (tests/test_unexplained.py).
+    (tests/commissioning/test_unexplained_torque.py).
 
     whole: factors with the tool's columns last
     evidence: history of the raw signals
@@ -77,7 +77,15 @@ def better_explanation(case: Case, suspected: Suspicion) -> str:
     others = tuple(repair for repair in good if repair.cause != suspected.cause)
     if not others:
         return suspected.sentence
-    score = suspicion_score(case, suspected, good)
+    return better_sentence(suspected, suspicion_score(case, suspected, good), others)
+
+
+def better_sentence(suspected: Suspicion, score: float, others: tuple[Repair, ...]) -> str:
+    """Return the sentence of the better explanation; both when neither is decisively better (DECISIVE).
+
+    score:  criterion of the suspicion
+    others: corrections with which the recording fits, the best one first
+    """
     if score < others[0].score - DECISIVE:
         return suspected.sentence
     words = f"the recording fits with {', or with '.join(repair.words for repair in others)}"

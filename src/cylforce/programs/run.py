@@ -268,7 +268,7 @@ def show_status(daemon: Daemon) -> None:
         sys.stdout.flush()
 
 
-def _check_log(log: Path, inputs: Sequence[Path | None]) -> None:
+def check_log(log: Path, inputs: Sequence[Path | None]) -> None:
     """Check the name of the log; a file that cannot be written now does not prevent measuring."""
     if log.suffix.lower() != ".log":
         raise RecordingError(f"--log {log}: must end in .log: by that ending it is read again")
@@ -295,7 +295,7 @@ def run_daemon(
     configure_messages()
     code = None if lock_file is None else read_code(lock_file)
     if log is not None:
-        _check_log(log, (loaded.path, identified, records))
+        check_log(log, (loaded.path, identified, records))
     warnings: list[str] = []
     core = make_core(loaded, identified, warnings.append)
     bus = open_shared_bus(bus_name)

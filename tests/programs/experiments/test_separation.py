@@ -57,11 +57,16 @@ def diagnosed(*effects, zeros=None) -> HypothesisEvidence:
     return HypothesisEvidence(examined(question, lambda _: True))
 
 
-def abstract(*rivals):
+class Abstract(Separation):
     """Causes whose information is given, in units of 1."""
-    found = Separation(SimpleNamespace(), rivals)
-    found.__dict__["unit"] = np.ones(sum(len(r.sizes) for r in rivals))
-    return found
+
+    @property
+    def unit(self):
+        return np.ones(sum(len(rival.sizes) for rival in self.rivals))
+
+
+def abstract(*rivals):
+    return Abstract(SimpleNamespace(), rivals)
 
 
 ONE = RivalCause(("friction", "stick"), 0.6, SimpleNamespace(), np.array([2.0]))

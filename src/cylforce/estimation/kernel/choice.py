@@ -1,5 +1,8 @@
 """Choice of the kernel's form: compiled if it was compiled from this source for this processor, else interpreted."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from importlib import import_module
 from importlib.resources import files
@@ -96,17 +99,25 @@ class Choice(NamedTuple):
 
 @cache
 def choice() -> Choice:
-    """Return the kernel to use and, if the compiled one was refused, why. The choice is made once per process.
+    """Return the kernel to use and, if the compiled one was refused, why. The choice is made once per process."""
+    return choice_in(__package__)
+
+
+def choice_in(package: str) -> Choice:
+    """Return the compiled kernel of a package, otherwise the interpreted one.
 
     The compiled kernel is used if it is beside the source, was compiled from this source (checksum), and can be
-    imported by this processor and Python. Both are read as Python reads them when it imports, also from an archive."""
-    here = files(__package__)
+    imported by this processor and Python. Both are read as Python reads them when it imports, also from an archive.
+
+    package: name of the package with the source and perhaps the compiled kernel
+    """
+    here = files(package)
     built = [entry.name for entry in here.iterdir() if entry.name.startswith(f"{COMPILED}.")]
     if not built:
         return Choice(INTERPRETED)
     text = crc32(b"".join((here / name).read_bytes() for name in PARTS))
     try:
-        return matching(import_module(f"{__package__}.{COMPILED}"), text)
+        return matching(import_module(f"{package}.{COMPILED}"), text)
     except ImportError as error:
         why = f"{built[0]} is for another processor or Python ({error})"
         return Choice(INTERPRETED, f"the compiled kernel was not taken, the interpreted one runs: {why}")
@@ -124,6 +135,19 @@ def matching(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled m
     return Choice(INTERPRETED, f"the compiled kernel was not taken, the interpreted one runs: {why}")
 
 
+_given: ContextVar[Kernel | None] = ContextVar("kernel", default=None)
+
+
 def chosen() -> Kernel:
-    """Return the kernel in use."""
-    return choice().kernel
+    """Return the kernel in use: that of the block `using`, else that of the process."""
+    return _given.get() or choice().kernel
+
+
+@contextmanager
+def using(kernel: Kernel) -> Iterator[None]:
+    """Use a kernel for all that is made within the block, to compare or to watch kernels."""
+    before = _given.set(kernel)
+    try:
+        yield
+    finally:
+        _given.reset(before)

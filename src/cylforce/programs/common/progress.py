@@ -28,10 +28,10 @@ def progress_bar(steps: int | None = None) -> Iterator[Watch]:
     console = Console(stderr=True)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        yield _of_one(bar) if steps is None else _of_all(bar, steps)
+        yield over_one(bar) if steps is None else over_all(bar, steps)
 
 
-def _of_one(bar: Progress) -> Watch:
+def over_one(bar: Progress) -> Watch:
     """Return the progress function of a bar that restarts with each task."""
     task = bar.add_task("", total=None)
 
@@ -44,7 +44,7 @@ def _of_one(bar: Progress) -> Watch:
     return watch
 
 
-def _of_all(bar: Progress, steps: int) -> Watch:
+def over_all(bar: Progress, steps: int) -> Watch:
     """Return the progress function of a bar over all tasks, the share of the present one included."""
     task, begun = bar.add_task("", total=float(steps)), list[str]()
 
