@@ -17,10 +17,22 @@ from cylforce.diagnosis.constants import (
     SECOND_EFFECT,
 )
 from cylforce.diagnosis.likelihood import Hypothesis, effective_share
+from cylforce.diagnosis.model import KnowledgeSource
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 from cylforce.signals.estimate import Array
 
+# Effects that change what the model's parameters describe: masses, and friction while moving.
+OF_PARAMETERS = (
+    "extra_mass",
+    "first_moment_change",
+    "mud",
+    "coulomb_friction",
+    "viscous_friction",
+    "load_dependent_friction",
+    "asymmetric_friction",
+    "friction_level_change",
+)
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
@@ -344,12 +356,15 @@ class FreeEvidence:
         """Return whether parameters other than the references' are the likeliest explanation.
 
         They compete with all hypotheses as one more name. Their prior is the data sheet's: many free parameters cost
-        evidence, so that a single effect with the same residual is likelier.
+        evidence, so that a single effect with the same residual is likelier. A simulation is no earlier state of the
+        machine: an effect that changes its masses or friction is an error of its parameters.
         known: hypotheses with the parameters from the references
         """
         strength = min(known.strength, self.strength)
         name = float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / known.names))  # of other parameters
-        as_known = [strength * c.log + known.prior_of(c) for c in known.candidates]
+        simulated = known.found.question.machine.source is KnowledgeSource.SIMULATION
+        own = [c for c in known.candidates if not (simulated and any(effect in OF_PARAMETERS for effect, _ in c.keys))]
+        as_known = [strength * c.log + known.prior_of(c) for c in own]
         as_known += [strength * i.log + known.prior_of_incident(i) for i in known.incidents]
         return name + float(np.max(strength * self.logs + self.priors)) > max(as_known)
 

@@ -70,6 +70,11 @@ class KnowledgeSource(StrEnum):
     IDENTIFICATION = "an identification"
     DATA_SHEET = "a data sheet"
 
+    @property
+    def has_temperature(self) -> bool:
+        """Whether oil and sensors had a temperature: not those of a simulation and of a data sheet."""
+        return self in (KnowledgeSource.REFERENCES, KnowledgeSource.IDENTIFICATION)
+
 
 @dataclass(frozen=True)
 class ColumnLayout:

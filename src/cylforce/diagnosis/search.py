@@ -322,7 +322,7 @@ class FieldQuestion:
             covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
         pad = np.zeros(more)
         change = None
-        if not self.same_temperature and not self.free and self.machine.source is not KnowledgeSource.DATA_SHEET:
+        if not self.same_temperature and not self.free and self.machine.source.has_temperature:
             change = self.temperature_change.padded(more)
         return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise, change)
 
