@@ -6,6 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from cylforce.diagnosis.decide import OF_PARAMETERS
 from cylforce.diagnosis.model import HealthyMachine
 from cylforce.diagnosis.model import identified as from_identification
 from cylforce.diagnosis.regressors import Regressors
@@ -162,6 +163,15 @@ def test_a_simulation_with_other_parameters_is_answered_with_these(identified):
     said = words(found)
     assert said.startswith("Identify the machine first: the simulation's masses and friction are not this machine's")
     assert "before" not in said
+
+
+def test_beside_a_simulation_with_other_parameters_no_effect_of_masses_or_friction_is_named(identified):
+    """Four to eight effects were named with a hidden one: errors of the simulation's masses and friction."""
+    own = recorded(identified.parent / "simulated.csv", 2, seed=SEED + 1, seconds=120.0)
+    field = recorded(identified.parent / "field.csv", 7, OFFSET)
+    found = diagnose(SMALL, Question((field,), simulation=(own,)))
+    assert found.answer["identify_first"]["share"] > 0.5
+    assert not {effect["name"] for effect in found.answer["effects"]} & set(OF_PARAMETERS)
 
 
 def test_a_machine_that_was_identified_is_not_sent_to_be_identified(identified):
