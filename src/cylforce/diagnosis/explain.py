@@ -7,6 +7,7 @@ is evidence for `decide`, which withdraws the cause. Bayes' rule then holds amon
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -329,6 +330,11 @@ class Simulation:
         on = np.repeat(second[slice(*span)], BLOCK_ROWS)[: len(one)]
         return np.where(on[:, None], other, one)
 
+    @cached_property
+    def _corrected(self) -> FieldQuestion:
+        """The recordings corrected for the effects of the hypothesis, with their rows."""
+        return (self.candidate.question if self.candidate else self.question).without_rows()
+
     def _residuals(self, causes: Sequence[Cause], kept: Mask | None) -> list[Array]:
         """Return residuals (T, R) with causes, their magnitudes fitted to the kept blocks (B,)."""
         if not causes:
@@ -350,7 +356,7 @@ class Simulation:
             except ValueError:  # more load is spilled than carried: an impossible cause explains nothing
                 rows = each.rows
             seen.append(replace(each, rows=rows))
-        return replace(self.question, seen=tuple(seen)).residuals(coefficients)
+        return replace(self.question, as_read=tuple(seen)).residuals(coefficients)
 
     def _load(self, name: str, load_kg: float, coefficients: Array) -> Array:
         found = np.array([load_kg, 0.0, 0.0, 0.0])
@@ -364,7 +370,7 @@ class Simulation:
         layout = self.question.machine.layout
         if self.candidate is None or any(not c.lasts for c in causes):
             return list(causes), self.question.plain
-        other, whole = self.candidate.question, self.candidate.hypothesis
+        other, whole = self._corrected, self.candidate.hypothesis
         forms = tuple(c.form for c in causes if c.form is not None)
         fits = []
         for mask in (None, kept):

@@ -98,6 +98,11 @@ class ColumnLayout:
         """K, number of the lasting columns."""
         return self.clock + 2
 
+    @property
+    def width(self) -> int:
+        """K+I+1, number of the lasting and incidental columns and the residual."""
+        return self.size + len(self.typical) + 1
+
     @cached_property
     def places(self) -> tuple[tuple[int, ...], ...]:
         """Columns of each proposal: numbers below K if it lasts, from K on of an incident, () of a change of load."""
