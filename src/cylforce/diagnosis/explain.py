@@ -17,6 +17,7 @@ from scipy import stats
 
 from cylforce.diagnosis.constants import DETECTABLE, LEAST_CLOSURE, SAME_MACHINE
 from cylforce.diagnosis.decide import HypothesisEvidence
+from cylforce.diagnosis.likelihood import Nuisance
 from cylforce.diagnosis.model import (
     CENTRE,
     FOLDS,
@@ -156,15 +157,15 @@ def cause_of_incident(evidence: HypothesisEvidence, incident: BlockIncident | Sp
     sizes, covariance = incident.nuisance.expected(residual, h.noise)
     where, layout = incident.sizes > 0.0, question.machine.layout
     columns = [k - layout.size for k in layout.places[layout.proposals.index(incident.proposal)]]
-    unit = incident.sizes[:, None] * layout.typical[columns]
+    unit = incident.sizes[where, None] * layout.typical[columns]
     errors = np.sqrt(np.einsum("bii->bi", covariance)) * unit
     return Cause(
         incident.key,
         incident.proposal,
         question,
         None,
-        (sizes * unit)[where],
-        errors[where],
+        sizes * unit,
+        errors,
         np.eye(len(where))[where],
         evidence.posterior.get(incident.key, 0.0),
         incident.log - evidence.found.healthy.log,
@@ -396,11 +397,12 @@ class Simulation:
             coefficients[: layout.first] = residual[: layout.first]
         return sized, coefficients
 
-    def _nuisance(self, mask: Mask | None) -> Any:  # noqa: ANN401 - a nuisance
-        nuisance = self.candidate.incident.nuisance if self.candidate and self.candidate.incident else None
-        if nuisance is None or mask is None:
-            return nuisance
-        return type(nuisance)(nuisance.across[mask], nuisance.within[mask], nuisance.waves[mask], nuisance.smooth[mask])
+    def _nuisance(self, mask: Mask | None) -> Nuisance | None:
+        """Return the nuisance of the incident's blocks, or of those among some blocks (B,)."""
+        incident = self.candidate.incident if self.candidate else None
+        if incident is None or mask is None:
+            return incident and incident.nuisance
+        return incident.nuisance.only(mask[incident.sizes > 0.0])
 
 
 def closure(

@@ -372,6 +372,14 @@ class Nuisance:
         on = sizes[:, None, None, None]
         return Nuisance(self.across * on, self.within * on**2, self.waves * on, self.smooth)
 
+    def present(self, sizes: Array) -> "Nuisance":
+        """Return the nuisance of the blocks in which it is present, with typical sizes scaled by block (B,)."""
+        return self.only(sizes > 0.0).sized(sizes[sizes > 0.0])
+
+    def only(self, kept: Mask) -> "Nuisance":
+        """Return the nuisance of some blocks (B,)."""
+        return Nuisance(self.across[kept], self.within[kept], self.waves[kept], self.smooth[kept])
+
     def weighted(self, noise: ResidualNoise) -> tuple[Array, Array]:
         """Return, for each group of blocks, the product with all columns (G, I, K+1) and the precision (G, I, I)."""
         share, scale = noise.smooth_share, noise.white**-2.0

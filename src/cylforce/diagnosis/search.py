@@ -743,7 +743,7 @@ class BlockIncident:
     log:      log probability of the recordings with it, its blocks' prior included
     rest:     residual at the worst joint with it, in noise floors
     before:   residual at the worst joint if its torque is not removed, in noise floors; all else is as fitted with it
-    nuisance: the nuisance of its blocks
+    nuisance: the nuisance of the blocks in which it is present
     """
 
     key: Key
@@ -785,13 +785,13 @@ def incidents(
         doubt, noise = (beside.doubt, beside.noise) if beside else (None, case.machine.noise)
         sizes = whole.likeliest_sizes(residual, noise, INCIDENT_SIZES)
         for _ in range(SETTLING):
-            held = replace(case, nuisance=whole.sized(sizes))
+            held = replace(case, nuisance=whole.present(sizes))
             noise = held.hypothesis(forms, noise, doubt).noise
             now = whole.likeliest_sizes(held.under(forms, held.state(noise))[2], noise, INCIDENT_SIZES)
             if np.array_equal(now, sizes):
                 break
             sizes = now
-        own = whole.sized(sizes)
+        own = whole.present(sizes)
         held = replace(case, nuisance=own)
         h = held.likeliest(forms, noise, doubt)
         key = UNKNOWN if p.name == UNKNOWN_TORQUE else (p.name, p.at)
@@ -1146,11 +1146,8 @@ def examined(
     hypotheses += [case.likeliest((p,), case.machine.noise) for p in jumps if (p,) not in known]
     best = max(hypotheses, key=lambda h: h.log)
     alone = incidents(question, case, question.plain, wanted)
-    beside = (
-        incidents(question, case, case.under(best.forms, case.state(best.noise))[2], wanted, best) if best.forms else []
-    )
     candidates = [Candidate(h, question) for h in hypotheses]
-    first = max([*alone, *beside], key=lambda i: i.log, default=None)
+    first = max([*alone, *_likeliest_beside(question, case, best, wanted)], key=lambda i: i.log, default=None)
     if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
         held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
         candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms]
@@ -1166,6 +1163,16 @@ def examined(
     watch("effects at their magnitudes")
     candidates = _at_magnitudes(question, candidates, allowed)
     return Found(question, case, tuple(candidates), tuple(alone), gaps)
+
+
+def _likeliest_beside(
+    question: FieldQuestion, case: Likelihood, base: Hypothesis, wanted: Callable[[Proposal], bool]
+) -> list[BlockIncident]:
+    """Return the most probable incident besides the effects of a hypothesis; none if it has no effect."""
+    if not base.forms:
+        return []
+    residual = case.under(base.forms, case.state(base.noise))[2]
+    return sorted(incidents(question, case, residual, wanted, base), key=lambda i: -i.log)[:1]
 
 
 def _beside_contact(
@@ -1357,19 +1364,31 @@ def corrected(candidate: Candidate) -> Candidate:
     question, start, found = candidate.question, candidate.hypothesis, candidate
     rows = sum(float(s.blocks.usable.sum()) for s in question.seen)
     for _ in range(CORRECTIONS):
-        now = found.hypothesis
-        applied = _applied(question, now)
-        forms = question.forms
-        if any(np.linalg.norm(a.sizes[: forms[p].components]) > BEYOND * forms[p].high for p, a in applied):
+        now, other = found.hypothesis, _corrected_once(found, question, start.doubt, KEPT_ROWS * rows)
+        if other is None:
             break
-        other = question.corrected(applied)
-        case = other.likelihood()
-        if float(np.sum(case.gram.rows)) < KEPT_ROWS * rows:
-            break  # at these magnitudes the machine could not have moved so
-        found = Candidate(case.hypothesis(now.forms, now.noise, start.doubt), other.without_rows())
-        if np.linalg.norm(found.hypothesis.sizes - now.sizes) < STILL * np.linalg.norm(found.hypothesis.sizes):
+        found, sizes = other, other.hypothesis.sizes
+        if np.linalg.norm(sizes - now.sizes) < STILL * np.linalg.norm(sizes):
             break
     return found
+
+
+def _corrected_once(
+    candidate: Candidate, question: FieldQuestion, doubt: float, fewest_rows: float
+) -> Candidate | None:
+    """Return a candidate with the readings corrected for its effects; None where its magnitudes are impossible.
+
+    question: the recordings, not corrected
+    """
+    now, forms = candidate.hypothesis, question.forms
+    applied = _applied(question, now)
+    if any(np.linalg.norm(a.sizes[: forms[p].components]) > BEYOND * forms[p].high for p, a in applied):
+        return None
+    other = question.corrected(applied)
+    case = other.likelihood()
+    if float(np.sum(case.gram.rows)) < fewest_rows:
+        return None  # at these magnitudes the machine could not have moved so
+    return Candidate(case.hypothesis(now.forms, now.noise, doubt), other.without_rows())
 
 
 def _applied(question: FieldQuestion, h: Hypothesis) -> list[tuple[int, Applied]]:
