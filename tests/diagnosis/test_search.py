@@ -88,7 +88,7 @@ def test_forms_are_screened_all_at_once_as_one_by_one():
         _, log = likeliest_noise(case.gram, *case.gram.certain_energies(residual[None]), case.machine.noise)
         moved = residual[:-1] + case.machine.mean
         moved[case.columns((p,))] += fitted.more
-        each[p] = log[0] - 0.5 * moved @ case.prior_precision(none.noise.conditions)[0] @ moved
+        each[p] = log[0] - 0.5 * moved @ case.machine.prior_precision(none.noise.conditions)[0] @ moved
     assert screened(case, none, (1, 0)) == sorted(each, key=lambda p: -each[p])
     assert screened(case, case.hypothesis((0,), synthetic.USUAL), (1, 0)) == [1]
 

@@ -142,7 +142,7 @@ class Refined:
 
 # Computed properties of a question, which another question with the same rows, or from the same readings, has as well.
 OF_ROWS = ("blocks", "spans", "_whole_gram", "_return_levels")
-OF_READINGS = ("_return_levels", "_supports", "_gram_as_read")
+OF_READINGS = ("_return_levels", "_supports", "_gram_as_read", "knowledge")
 # What a candidate needs of its question; the rows of a corrected recording take tens of megabytes.
 OF_CANDIDATES = ("applied", "noise", "refined", "forms", "times", "spans", *OF_READINGS)
 
@@ -697,7 +697,7 @@ def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[
         return sorted(free, key=lambda p: case.doubt(each[p], base) - case.under(each[p], state)[0])
     residuals, shift = _with_each(case, base.forms, free, state)
     _, log = likeliest_noise(case.gram, *case.gram.certain_energies(residuals), case.machine.noise)
-    log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.prior_precision(base.noise.conditions)[0])
+    log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.machine.prior_precision(base.noise.conditions)[0])
     return [free[k] for k in np.argsort(-log).tolist()]
 
 
