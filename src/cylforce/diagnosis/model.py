@@ -358,7 +358,9 @@ def learnt(
     twins = [noisy_twin(each, regressors, sensor_noise, rng) for each in recordings]
     rows = parallel_map(lambda each: regressors.rows(each, proposals), [*recordings, *twins])
     rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
-    base_rate = float(np.sqrt(np.mean(np.concatenate([r.base_rate for r in rows]) ** 2)))
+    settle = regressors.slow.settle_steps
+    rates = [regressors.base_rate(each.values)[settle:] for each in recordings]
+    base_rate = float(np.sqrt(np.mean(np.concatenate(rates) ** 2)))
     layout = ColumnLayout(regressors.model, proposals, base_rate > STEADY_BASE)
     counted = quiet_blocks(layout, rows, recordings)
     rows = [_without_blocks(r, kept) for r, kept in zip(rows, counted, strict=True)]

@@ -200,10 +200,11 @@ class SharedNoise:
     @classmethod
     def of(cls, added: Blocks, columns: Sequence[int]) -> "SharedNoise":
         """Return the shared noise from the change of whitened rows by added sensor noise."""
-        noise = added.rows[..., [*columns, -1]].astype(np.float64)
-        along = np.einsum("btrs,btrk->brsk", added.basis, noise, optimize=True)
-        whole = np.einsum("btrk,btr->brk", noise, noise[..., -1], optimize=True)
-        return cls(np.concatenate([whole[:, :, None], along * along[..., -1:]], axis=2), added.counts)
+        noise = np.moveaxis(added.rows[..., [*columns, -1]], 2, 1).astype(np.float64)  # (B, R, BLOCK_ROWS, K+1)
+        factors = np.concatenate([noise[..., -1:], np.moveaxis(added.basis, 2, 1)], axis=-1)
+        products = factors.swapaxes(2, 3) @ noise
+        products[:, :, 1:] *= products[:, :, 1:, -1:].copy()
+        return cls(products, added.counts)
 
     def expected(self, counts: Array) -> Array:
         """Return samples (B, R, 1 + POLYNOMIALS, K+1) whose sum is the shared noise of rows (B', R)."""
