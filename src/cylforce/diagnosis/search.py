@@ -161,7 +161,7 @@ class FieldQuestion:
     zeros:            readings of pressure sensors without pressure, by their signals
     free:             whether the model's parameters are free, because they may be another machine's
     same_temperature: whether oil and sensors are certainly as warm as in the references
-    shape:            an effect with refined shape parameters, whose columns are appended; None if there is none
+    refined_as_read:  an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
     machine: HealthyMachine
@@ -174,7 +174,7 @@ class FieldQuestion:
     zeros: Mapping[int, Zero] = field(default_factory=dict)
     free: bool = False
     same_temperature: bool = False
-    shape: Refined | None = None
+    refined_as_read: Refined | None = None
 
     @cached_property
     def seen(self) -> tuple[Seen, ...]:
@@ -262,8 +262,8 @@ class FieldQuestion:
             stepped = p.course is TimeCourse.AFTER and self.step is not None
             columns = tuple(first + STEP_COLUMNS.index(name) for name in p.incidents) if stepped else form.columns
             found.append(replace(form, columns=columns))
-        if self.shape:
-            p, count = self.shape.proposal, len(self.shape.unit)
+        if self.refined_as_read:
+            p, count = self.refined_as_read.proposal, len(self.refined_as_read.unit)
             own_columns = tuple(range(self.size, self.size + count))
             high = max(self.machine.layout.largest(p, self.dry_friction), p.about.low)
             about = p.about
@@ -273,7 +273,7 @@ class FieldQuestion:
     @cached_property
     def proposals(self) -> list[Proposal]:
         """Proposals of the forms."""
-        more = [self.shape.proposal] if self.shape else []
+        more = [self.refined_as_read.proposal] if self.refined_as_read else []
         return [*lasting(self.machine.layout), *more]
 
     @cached_property
@@ -292,8 +292,8 @@ class FieldQuestion:
 
     def unit_of(self, form: int) -> Array:
         """Return the typical sizes (M,) of a form's columns."""
-        if self.shape is not None and form == len(self.proposals) - 1:
-            return self.shape.unit
+        if self.refined_as_read is not None and form == len(self.proposals) - 1:
+            return self.refined_as_read.unit
         return np.asarray(self.unit[list(self.forms[form].columns)])
 
     def gram(self, kept: Mask | None = None) -> Gram:
@@ -391,7 +391,7 @@ class FieldQuestion:
 
     def with_refined(self, refined: Refined) -> "FieldQuestion":
         """Return the question with an effect whose shape is refined, its columns appended."""
-        return self._keeping(replace(self, shape=refined), *OF_ROWS, "knowledge")
+        return self._keeping(replace(self, refined_as_read=refined), *OF_ROWS, "knowledge")
 
     def with_same_temperature(self) -> "FieldQuestion":
         """Return the question of a machine that is certainly as warm as in the references."""
@@ -549,7 +549,7 @@ class FieldQuestion:
         """
         return self._keeping(replace(self, correction=tuple(applied)), *OF_READINGS)
 
-    def as_it_was(self) -> "FieldQuestion":
+    def uncorrected(self) -> "FieldQuestion":
         """Return the question without a correction."""
         return self._keeping(replace(self, correction=None), "_gram_as_read")
 
@@ -560,7 +560,7 @@ class FieldQuestion:
         return [p for p in own if not p.clock and not self._is_refined(p)]
 
     def _is_refined(self, p: Proposal) -> bool:
-        return self.shape is not None and p is self.shape.proposal
+        return self.refined_as_read is not None and p is self.refined_as_read.proposal
 
     @cached_property
     def _kept_columns(self) -> frozenset[int]:
@@ -573,7 +573,7 @@ class FieldQuestion:
     def _corrected(self) -> "_Corrected":
         """The recordings with their readings corrected."""
         if self.correction is None:
-            return _Corrected(self.as_read, None, self.shape)
+            return _Corrected(self.as_read, None, self.refined_as_read)
         machine, layout = self.machine, self.machine.layout
         effects = [a.imposed for _, a in sorted(self.correction, key=lambda each: each[1].proposal.clock)]
         own = [*self._renewed, *(a.proposal for _, a in self.correction if self._is_refined(a.proposal))]
@@ -601,7 +601,7 @@ class FieldQuestion:
             seen.append(replace(each, recording=recording, rows=rows, blocks=blocks, added=added))
             before.append(each.shared(()))
             after.append(seen[-1].shared(()))
-        refined = self.shape
+        refined = self.refined_as_read
         if refined is not None and again[0].shape[-1]:
             refined = replace(refined, columns=tuple(again))
         return _Corrected(tuple(seen), _energy_of(before) - _energy_of(after), refined)
@@ -1305,7 +1305,7 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
         if not best.is_linear:
             break
         found.remove(best)
-        found.append(corrected(replace(best, question=best.question.as_it_was())))
+        found.append(corrected(replace(best, question=best.question.uncorrected())))
     return found
 
 
