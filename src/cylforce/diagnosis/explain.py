@@ -400,9 +400,9 @@ class Simulation:
     def _nuisance(self, mask: Mask | None) -> Nuisance | None:
         """Return the nuisance of the incident's blocks, or of those among some blocks (B,)."""
         incident = self.candidate.incident if self.candidate else None
-        if incident is None or mask is None:
-            return incident and incident.nuisance
-        return incident.nuisance.only(mask[incident.sizes > 0.0])
+        if incident is None:
+            return None
+        return incident.nuisance if mask is None else incident.nuisance.only(mask[incident.sizes > 0.0])
 
 
 def closure(
