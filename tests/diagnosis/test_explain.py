@@ -343,6 +343,6 @@ def test_a_refit_of_the_data_sheet_removes_its_masses_and_friction():
     rows = sheet.rows(recorded(FIELD), ())
     seen = replace(question.seen[0], rows=replace(question.seen[0].rows, residual=rows.residual))
     assert rms([seen.rows.residual]).max() > 10.0 * healthy_machine().floor.rms.max()
-    found = refitted_sheet(replace(question, seen=(seen,)), asked((FIELD, ())))
+    found = refitted_sheet(replace(question, as_read=(seen,)), asked((FIELD, ())))
     assert found.share > 0.9
     assert any("coulomb" in change.name for change in found.changes[:6])

@@ -144,6 +144,17 @@ def test_a_nuisance_that_is_absent_changes_nothing():
     np.testing.assert_allclose(none.fitted, plain.fitted)
 
 
+def test_blocks_without_the_nuisance_need_not_be_kept():
+    found, machine = five_columns(3)
+    whole, sizes = beside(found), np.where(np.arange(len(found)) % 3 == 0, 2.0, 0.0)
+    one, other = (of_five(found, machine, n) for n in (whole.sized(sizes), whole.present(sizes)))
+    assert len(other.nuisance.across) == np.count_nonzero(sizes)
+    assert other.state(NOISE).log == pytest.approx(one.state(NOISE).log, abs=1e-6)
+    residual = np.append(-MEAN, 1.0)
+    for a, b in zip(*(case.nuisance.energies(residual, NOISE) for case in (one, other)), strict=True):
+        np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("size", [1.5, 0.6])
 def test_the_evidence_of_an_effect_is_integrated_over_its_magnitude(size):
     """Log-uniform over the plausible magnitudes, of either sign."""

@@ -88,7 +88,7 @@ def test_forms_are_screened_all_at_once_as_one_by_one():
         _, log = likeliest_noise(case.gram, *case.gram.certain_energies(residual[None]), case.machine.noise)
         moved = residual[:-1] + case.machine.mean
         moved[case.columns((p,))] += fitted.more
-        each[p] = log[0] - 0.5 * moved @ case.prior_precision(none.noise.conditions)[0] @ moved
+        each[p] = log[0] - 0.5 * moved @ case.machine.prior_precision(none.noise.conditions)[0] @ moved
     assert screened(case, none, (1, 0)) == sorted(each, key=lambda p: -each[p])
     assert screened(case, case.hypothesis((0,), synthetic.USUAL), (1, 0)) == [1]
 
@@ -158,6 +158,28 @@ def test_noise_that_a_correction_takes_out_of_the_readings_is_what_its_column_sh
 def test_without_a_correction_no_noise_is_given_back():
     question = asked((FIELD, ()))
     np.testing.assert_allclose(question.corrected([]).noise, 0.0, atol=1e-3)
+
+
+def test_the_gram_of_a_corrected_recording_is_that_of_all_its_rows():
+    """Only the columns that the correction changes are multiplied again."""
+    question = asked((FIELD, (OFFSET,)))
+    other = question.corrected([applied(question, OFFSET)])
+    found, anew = other.gram(), other.gram(np.ones(len(other.times), dtype=np.bool_))
+    assert np.max(np.abs(found.whole - question.gram().whole)) > 1.0
+    for name in ("whole", "smooth", "shared"):
+        one, two = getattr(found, name), getattr(anew, name)
+        assert np.max(np.abs(one - two)) <= 1e-9 * np.max(np.abs(two)), name
+
+
+def test_a_candidate_has_no_rows_of_its_correction_and_gets_the_same_ones_again():
+    question = asked((FIELD, (OFFSET,)))
+    other = question.corrected([applied(question, OFFSET)])
+    before = other.likelihood().healthy.log
+    bare = other.without_rows()
+    assert {"seen", "blocks", "_corrected", "_whole_gram"}.isdisjoint(vars(bare))
+    assert bare.likelihood().healthy.log == before
+    assert bare.uncorrected().likelihood().healthy.log == question.likelihood().healthy.log
+    assert question.without_rows() is question
 
 
 def test_the_gram_of_two_recordings_is_the_sum_of_both():
@@ -260,3 +282,6 @@ def test_the_likeliest_hypothesis_is_examined_at_its_magnitudes(own):
     likeliest = max(found.candidates, key=lambda c: c.log)
     assert ("angle_offset", "stick_angle") in likeliest.keys
     assert not likeliest.is_linear
+    corrections = [c.question for c in found.candidates if c.question.applied]
+    assert corrections
+    assert all("seen" not in vars(question) for question in corrections)  # rows take tens of megabytes each

@@ -136,7 +136,7 @@ def test_a_gram_with_some_columns_renewed_is_that_of_the_new_rows(changed):
     rows = blocks.rows.copy()
     rows[..., changed] += np.random.default_rng(9).standard_normal(rows[..., changed].shape).astype(np.float32)
     other = Blocks(rows * blocks.usable[..., None], blocks.usable)
-    found, anew = gram(blocks, UNIT).with_columns(other, range(4), changed, UNIT), gram(other, UNIT)
+    found, anew = gram(blocks, UNIT).with_columns([other], changed, UNIT, [SharedNoise.none(2, 5)]), gram(other, UNIT)
     assert np.max(np.abs(anew.whole - gram(blocks, UNIT).whole)) > 1.0
     for name in ("whole", "smooth"):
         one, two = getattr(found, name), getattr(anew, name)

@@ -10,7 +10,7 @@ from cylforce.estimation.model import Model
 from cylforce.programs.common.gap_clocks import off_clock
 from cylforce.programs.common.play import prepare
 from cylforce.readings.clock_rows import JointRows
-from cylforce.readings.clocks import LATE_S, clock_faults, faults_of_piece
+from cylforce.readings.clocks import LATE_S, clock_faults, clock_faults_of_groups, faults_of_piece
 from cylforce.readings.recording import Recording
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
@@ -65,6 +65,14 @@ def test_each_sensor_may_have_a_clock_of_its_own(values, only):
     assert fault.sensors == only
     assert not fault.whole
     assert fault.last == pytest.approx(fault.ends / 9.0, abs=4.0 * fault.errors[1] + 0.02)
+
+
+def test_each_group_of_recordings_has_its_own_faults(values):
+    """Recordings of two groups may have the same name."""
+    late, right = (Recording("log", paired(values, 1.0, lag), 0.0) for lag in (0.5, 0.0))
+    one, two, none = clock_faults_of_groups(MODEL, ((right,), (right, late), ()))
+    assert (one, none) == ([], [])
+    assert [fault.first for fault in two] == pytest.approx([0.5], abs=0.1)
 
 
 def test_two_nodes_may_have_two_clocks(values):

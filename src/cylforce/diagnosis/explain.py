@@ -7,6 +7,7 @@ is evidence for `decide`, which withdraws the cause. Bayes' rule then holds amon
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy import stats
 
 from cylforce.diagnosis.constants import DETECTABLE, LEAST_CLOSURE, SAME_MACHINE
 from cylforce.diagnosis.decide import HypothesisEvidence
+from cylforce.diagnosis.likelihood import Nuisance
 from cylforce.diagnosis.model import (
     CENTRE,
     FOLDS,
@@ -161,15 +163,15 @@ def cause_of_incident(evidence: HypothesisEvidence, incident: BlockIncident | Sp
     sizes, covariance = incident.nuisance.expected(residual, h.noise)
     where, layout = incident.sizes > 0.0, question.machine.layout
     columns = [k - layout.size for k in layout.places[layout.proposals.index(incident.proposal)]]
-    unit = incident.sizes[:, None] * layout.typical[columns]
+    unit = incident.sizes[where, None] * layout.typical[columns]
     errors = np.sqrt(np.einsum("bii->bi", covariance)) * unit
     return Cause(
         incident.key,
         incident.proposal,
         question,
         None,
-        (sizes * unit)[where],
-        errors[where],
+        sizes * unit,
+        errors,
         np.eye(len(where))[where],
         evidence.posterior.get(incident.key, 0.0),
         incident.log - evidence.found.healthy.log,
@@ -334,6 +336,11 @@ class Simulation:
         on = np.repeat(second[slice(*span)], BLOCK_ROWS)[: len(one)]
         return np.where(on[:, None], other, one)
 
+    @cached_property
+    def _corrected(self) -> FieldQuestion:
+        """The recordings corrected for the effects of the hypothesis, with their rows."""
+        return (self.candidate.question if self.candidate else self.question).without_rows()
+
     def _residuals(self, causes: Sequence[Cause], kept: Mask | None) -> list[Array]:
         """Return residuals (T, R) with causes, their magnitudes fitted to the kept blocks (B,)."""
         if not causes:
@@ -355,7 +362,7 @@ class Simulation:
             except ValueError:  # more load is spilled than carried: an impossible cause explains nothing
                 rows = each.rows
             seen.append(replace(each, rows=rows))
-        return replace(self.question, seen=tuple(seen)).residuals(coefficients)
+        return replace(self.question, as_read=tuple(seen)).residuals(coefficients)
 
     def _load(self, name: str, load_kg: float, coefficients: Array) -> Array:
         found = np.array([load_kg, 0.0, 0.0, 0.0])
@@ -369,7 +376,7 @@ class Simulation:
         layout = self.question.machine.layout
         if self.candidate is None or any(not c.lasts for c in causes):
             return list(causes), self.question.plain
-        other, whole = self.candidate.question, self.candidate.hypothesis
+        other, whole = self._corrected, self.candidate.hypothesis
         forms = tuple(c.form for c in causes if c.form is not None)
         fits = []
         for mask in (None, kept):
@@ -395,11 +402,12 @@ class Simulation:
             coefficients[: layout.first] = residual[: layout.first]
         return sized, coefficients
 
-    def _nuisance(self, mask: Mask | None) -> Any:  # noqa: ANN401 - a nuisance
-        nuisance = self.candidate.incident.nuisance if self.candidate and self.candidate.incident else None
-        if nuisance is None or mask is None:
-            return nuisance
-        return type(nuisance)(nuisance.across[mask], nuisance.within[mask], nuisance.waves[mask], nuisance.smooth[mask])
+    def _nuisance(self, mask: Mask | None) -> Nuisance | None:
+        """Return the nuisance of the incident's blocks, or of those among some blocks (B,)."""
+        incident = self.candidate.incident if self.candidate else None
+        if incident is None:
+            return None
+        return incident.nuisance if mask is None else incident.nuisance.only(mask[incident.sizes > 0.0])
 
 
 def closure(

@@ -372,6 +372,14 @@ class Nuisance:
         on = sizes[:, None, None, None]
         return Nuisance(self.across * on, self.within * on**2, self.waves * on, self.smooth)
 
+    def present(self, sizes: Array) -> "Nuisance":
+        """Return the nuisance of the blocks in which it is present, with typical sizes scaled by block (B,)."""
+        return self.only(sizes > 0.0).sized(sizes[sizes > 0.0])
+
+    def only(self, kept: Mask) -> "Nuisance":
+        """Return the nuisance of some blocks (B,)."""
+        return Nuisance(self.across[kept], self.within[kept], self.waves[kept], self.smooth[kept])
+
     def weighted(self, noise: ResidualNoise) -> tuple[Array, Array]:
         """Return, for each group of blocks, the product with all columns (G, I, K+1) and the precision (G, I, I)."""
         share, scale = noise.smooth_share, noise.white**-2.0
@@ -753,6 +761,17 @@ class MachineKnowledge:
             found = found + self.temperature.zeros + conditions.temperature**2 * self.temperature.friction
         return found
 
+    @cached_property
+    def _precisions(self) -> dict[Conditions, tuple[Array, float]]:
+        return {}
+
+    def prior_precision(self, conditions: Conditions) -> tuple[Array, float]:
+        """Return the precision (K, K) of the columns, and the log determinant of its inverse."""
+        if conditions not in self._precisions:
+            whole = self.under(conditions) + 1e-12 * np.eye(len(self.mean))
+            self._precisions[conditions] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
+        return self._precisions[conditions]
+
 
 @dataclass(frozen=True)
 class TemperatureChange:
@@ -884,17 +903,6 @@ class Likelihood:
         return float(np.sqrt(np.max(np.maximum(energy, 0.0) / np.maximum(self.gram.rows, 1.0))))
 
     @cached_property
-    def _precisions(self) -> dict[Conditions, tuple[Array, float]]:
-        return {}
-
-    def prior_precision(self, conditions: Conditions) -> tuple[Array, float]:
-        """Return the parameters' prior precision (K, K), and the log determinant of its inverse."""
-        if conditions not in self._precisions:
-            whole = self.machine.under(conditions) + 1e-12 * np.eye(len(self.machine.mean))
-            self._precisions[conditions] = np.asarray(np.linalg.inv(whole)), float(np.linalg.slogdet(whole)[1])
-        return self._precisions[conditions]
-
-    @cached_property
     def _states(self) -> dict[tuple[bytes, bytes, Conditions], MarginalLikelihood]:
         return {}
 
@@ -920,7 +928,7 @@ class Likelihood:
         shared, unsure = noise.shared(self.gram)
         score = information[:-1, -1] - shared - known @ mean
         energy = information[-1, -1] - 2.0 * mean @ information[:-1, -1] + mean @ known @ mean
-        precision, log_determinant = self.prior_precision(noise.conditions)
+        precision, log_determinant = self.machine.prior_precision(noise.conditions)
         root = _root_of(known + precision, rounding)
         lower = np.tril(dpotri(root, lower=True)[0])
         covariance = lower + np.tril(lower, -1).T

@@ -105,6 +105,11 @@ class ColumnLayout:
         """K, number of the lasting columns."""
         return self.clock + 2
 
+    @property
+    def width(self) -> int:
+        """K+I+1, number of the lasting and incidental columns and the residual."""
+        return self.size + len(self.typical) + 1
+
     @cached_property
     def places(self) -> tuple[tuple[int, ...], ...]:
         """Columns of each proposal: numbers below K if it lasts, from K on of an incident, () of a change of load."""
@@ -364,7 +369,9 @@ def learnt(
     twins = [noisy_twin(each, regressors, sensor_noise, rng) for each in recordings]
     rows = parallel_map(lambda each: regressors.rows(each, proposals), [*recordings, *twins])
     rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
-    base_rate = float(np.sqrt(np.mean(np.concatenate([r.base_rate for r in rows]) ** 2)))
+    settle = regressors.slow.settle_steps
+    rates = [regressors.base_rate(each.values)[settle:] for each in recordings]
+    base_rate = float(np.sqrt(np.mean(np.concatenate(rates) ** 2)))
     layout = ColumnLayout(regressors.model, proposals, base_rate > STEADY_BASE)
     counted = quiet_blocks(layout, rows, recordings)
     rows = [_without_blocks(r, kept) for r, kept in zip(rows, counted, strict=True)]

@@ -95,7 +95,6 @@ class TorqueRows:
     speed:      (T, C) speed of the cylinders [m/s]
     force:      (T, C) force of the cylinders [N]
     posture:    (T, N) joint angles [rad]
-    base_rate:  (T,) rate of the machine's base in the arm's plane [rad/s]
     """
 
     base: Array
@@ -107,7 +106,6 @@ class TorqueRows:
     speed: Array
     force: Array
     posture: Array
-    base_rate: Array
 
     def first(self, count: int) -> "TorqueRows":
         """Return the first `count` rows."""
@@ -173,16 +171,21 @@ class _MovingBase:
 class _ColumnRun:
     """Inputs for the columns of a recording.
 
+    regressors: of the model
     recording:  the recording
     parameters: (P,) of the machine with its known load
     change:     sensitivity of the residual to readings and machines
-    base_rate:  (T,) rate of the base [rad/s]
     """
 
+    regressors: "Regressors"
     recording: Recording
     parameters: Array
     change: Sensitivity
-    base_rate: Array
+
+    @cached_property
+    def base_rate(self) -> Array:
+        """Rate (T,) of the base [rad/s]."""
+        return self.regressors.base_rate(self.recording.values)
 
 
 @dataclass(frozen=True)
@@ -277,8 +280,7 @@ class Regressors:
             lost = np.pad(lost[: len(residual[late])], ((self.slow.settle_steps, 0), (0, 0)))
         residual = np.where(lost, np.nan, residual)
         parameters = self.parameters + self._carried(recording.load_kg, base[late], residual[late])
-        base_rate = self.base_rate(values)
-        run = _ColumnRun(recording, parameters, self._sensitivity(values, parameters), base_rate)
+        run = _ColumnRun(self, recording, parameters, self._sensitivity(values, parameters))
         forces = iter(np.moveaxis(filtered.columns[..., size : size + len(laws)], -1, 0))
         lasting = [(p, e) for p in proposals for e in p.group if not isinstance(e, Incident)]
         columns = [self._columns(p, e, run, base, t, forces)[late] for p, e in lasting]
@@ -294,7 +296,6 @@ class Regressors:
             speed=motion.speed[late],
             force=motion.force[late],
             posture=np.diff(motion.a, axis=1, prepend=0.0)[late],
-            base_rate=base_rate[late],
         )
 
     def column_source(self, recording: Recording, rows: TorqueRows) -> "ColumnSource":
@@ -302,7 +303,7 @@ class Regressors:
         values = recording.values
         moved = self.slow.channels.run(self.thinned(values))
         parameters = self.parameters + self._carried(recording.load_kg, rows.base, rows.residual)
-        run = _ColumnRun(recording, parameters, self._sensitivity(values, parameters), self.base_rate(values))
+        run = _ColumnRun(self, recording, parameters, self._sensitivity(values, parameters))
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
         return ColumnSource(self, run, moved, recording.begins_s + (steps - 0.5) / self.slow.filters.rate_hz)
 

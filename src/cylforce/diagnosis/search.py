@@ -142,7 +142,9 @@ class Refined:
 
 # Computed properties of a question, which another question with the same rows, or from the same readings, has as well.
 OF_ROWS = ("blocks", "spans", "_whole_gram", "_return_levels")
-OF_READINGS = ("_return_levels", "_supports")
+OF_READINGS = ("_return_levels", "_supports", "_gram_as_read", "knowledge")
+# What a candidate needs of its question; the rows of a corrected recording take tens of megabytes.
+OF_CANDIDATES = ("applied", "noise", "refined", "forms", "times", "spans", *OF_READINGS)
 
 
 @dataclass(frozen=True)
@@ -150,36 +152,54 @@ class FieldQuestion:
     """Recordings under diagnosis, compared with a healthy machine.
 
     machine:          the healthy machine
-    seen:             the recordings, with the shared sensor noise of each
+    as_read:          the recordings, with the shared sensor noise of each
     step:             possible change of a known load
     laid:             rows of each recording that count, in whole blocks; None: all rows
     apart:            log probability of the rows that do not count
-    noise:            (R, 1 + POLYNOMIALS) energy of the sensor noise that a correction of the readings removed
-    applied:          sizes for which the recordings are corrected, by form
+    correction:       effects for which the readings are corrected, each with the number of its form; None: as read
     jumps:            evidence [nats] of the number of jumps of a reading, by its signal
     zeros:            readings of pressure sensors without pressure, by their signals
     free:             whether the model's parameters are free, because they may be another machine's
     same_temperature: whether oil and sensors are certainly as warm as in the references
-    refined:          an effect with refined shape parameters, whose columns are appended; None if there is none
+    refined_as_read:  an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
     machine: HealthyMachine
-    seen: tuple[Seen, ...]
+    as_read: tuple[Seen, ...]
     step: LoadStep | None = None
     laid: tuple[NDArray[np.int_] | None, ...] | None = None
     apart: float = 0.0
-    noise: Array | None = None
-    applied: Mapping[int, Array] = field(default_factory=dict)
+    correction: tuple[tuple[int, Applied], ...] | None = None
     jumps: Mapping[int, float] = field(default_factory=dict)
     zeros: Mapping[int, Zero] = field(default_factory=dict)
     free: bool = False
     same_temperature: bool = False
-    refined: Refined | None = None
+    refined_as_read: Refined | None = None
+
+    @cached_property
+    def seen(self) -> tuple[Seen, ...]:
+        """The recordings, corrected."""
+        return self._corrected.seen
+
+    @cached_property
+    def noise(self) -> Array | None:
+        """Energy (R, 1 + POLYNOMIALS) of the sensor noise that the correction removed; None of readings as read."""
+        return self._corrected.noise
+
+    @cached_property
+    def refined(self) -> Refined | None:
+        """Effect with refined shape parameters, its columns along the corrected recordings."""
+        return self._corrected.refined
+
+    @cached_property
+    def applied(self) -> dict[int, Array]:
+        """Sizes for which the recordings are corrected, in units of the typical ones, by form."""
+        return {p: a.sizes / self.unit_of(p) for p, a in self.correction or ()}
 
     @cached_property
     def loaded(self) -> list[str]:
         """Names of the recordings with a known load."""
-        return list(dict.fromkeys(s.recording.name for s in self.seen if s.recording.load_kg))
+        return list(dict.fromkeys(s.recording.name for s in self.as_read if s.recording.load_kg))
 
     @cached_property
     def size(self) -> int:
@@ -201,7 +221,7 @@ class FieldQuestion:
         """Whitened rows of the recordings with columns [K' | incidental | residual]."""
         layout, first, found = self.machine.layout, 0, []
         for n, seen in enumerate(self.seen):
-            rows, usable = seen.blocks.rows, seen.blocks.usable
+            blocks, rows, usable = seen.blocks, seen.blocks.rows, seen.blocks.usable
             load = rows[..., layout.size : layout.size + 1 + CENTRE]
             centres = [
                 load[..., 1:] * np.float32(name == seen.recording.name and seen.recording.load_kg > 0.0)
@@ -212,8 +232,9 @@ class FieldQuestion:
                 on = (number > self.step.first) & (number < self.step.last)
                 parts.append(load[..., [0, 1, 2]] * on[:, None, None, None].astype(np.float32))
                 usable = usable & (number != self.step.first)[:, None, None]
-            whole = np.concatenate([*parts, rows[..., layout.size :]], axis=-1) * usable[..., None]
-            blocks = Blocks(np.asarray(whole, dtype=np.float32), usable)
+            if len(parts) > 1:
+                whole = np.concatenate([*parts, rows[..., layout.size :]], axis=-1) * usable[..., None]
+                blocks = Blocks(np.asarray(whole, dtype=np.float32), usable)
             layed = None if self.laid is None else self.laid[n]
             found.append(blocks if layed is None else blocks.laid(layed))
             first += len(rows)
@@ -222,14 +243,14 @@ class FieldQuestion:
     @cached_property
     def spans(self) -> list[tuple[int, int]]:
         """First block of each recording and the one after the last."""
-        ends = np.cumsum([0] + [len(s.blocks.rows) for s in self.seen]).tolist()
+        ends = np.cumsum([0] + [len(s.blocks.rows) for s in self.as_read]).tolist()
         return list(pairwise(ends))
 
     @cached_property
     def times(self) -> Array:
         """Time (B,) [s] of the middle of every block."""
         half = BLOCK_ROWS / self.machine.regressors.rows_hz / 2.0
-        return np.concatenate([s.rows.t[::BLOCK_ROWS] + half for s in self.seen])
+        return np.concatenate([s.rows.t[::BLOCK_ROWS] + half for s in self.as_read])
 
     @cached_property
     def forms(self) -> tuple[Form, ...]:
@@ -241,8 +262,8 @@ class FieldQuestion:
             stepped = p.course is TimeCourse.AFTER and self.step is not None
             columns = tuple(first + STEP_COLUMNS.index(name) for name in p.incidents) if stepped else form.columns
             found.append(replace(form, columns=columns))
-        if self.refined:
-            p, count = self.refined.proposal, len(self.refined.unit)
+        if self.refined_as_read:
+            p, count = self.refined_as_read.proposal, len(self.refined_as_read.unit)
             own_columns = tuple(range(self.size, self.size + count))
             high = max(self.machine.layout.largest(p, self.dry_friction), p.about.low)
             about = p.about
@@ -252,7 +273,7 @@ class FieldQuestion:
     @cached_property
     def proposals(self) -> list[Proposal]:
         """Proposals of the forms."""
-        more = [self.refined.proposal] if self.refined else []
+        more = [self.refined_as_read.proposal] if self.refined_as_read else []
         return [*lasting(self.machine.layout), *more]
 
     @cached_property
@@ -271,8 +292,8 @@ class FieldQuestion:
 
     def unit_of(self, form: int) -> Array:
         """Return the typical sizes (M,) of a form's columns."""
-        if self.refined is not None and form == len(self.forms) - 1:
-            return self.refined.unit
+        if self.refined_as_read is not None and form == len(self.proposals) - 1:
+            return self.refined_as_read.unit
         return np.asarray(self.unit[list(self.forms[form].columns)])
 
     def gram(self, kept: Mask | None = None) -> Gram:
@@ -284,17 +305,35 @@ class FieldQuestion:
 
     @cached_property
     def _whole_gram(self) -> Gram:
-        return self._gram_of(None)
+        if not self._has_same_rows:
+            return self._gram_of(None)
+        changed = [k for k in range(self.size + 1) if k not in self._kept_columns]
+        found = self._gram_as_read.with_columns(self.blocks, changed, self.unit, self._shared_noises)
+        return found if self.noise is None else found.with_noise(self.noise)
+
+    @cached_property
+    def _gram_as_read(self) -> Gram:
+        """Gram of the recordings without a correction."""
+        return self._whole_gram if self.correction is None else replace(self, correction=None).gram()
+
+    @property
+    def _has_same_rows(self) -> bool:
+        """Whether the recordings are corrected and have the same usable rows as before."""
+        pairs = zip(self.as_read, self.seen, strict=True)
+        return self.correction is not None and all(np.array_equal(a.blocks.usable, b.blocks.usable) for a, b in pairs)
+
+    @property
+    def _shared_noises(self) -> list[SharedNoise]:
+        """Noise of each recording that its columns share with the residual."""
+        return [self._padded(seen.shared(range(self.machine.layout.size))) for seen in self.seen]
 
     def _gram_of(self, kept: Mask | None) -> Gram:
         parts, first = [], 0
-        for seen, blocks in zip(self.seen, self.blocks, strict=True):
+        for noise, blocks in zip(self._shared_noises, self.blocks, strict=True):
             mask = None if kept is None else kept[first : first + len(blocks.rows)]
             first += len(blocks.rows)
             own = blocks if mask is None else blocks.masked(mask)
-            parts.append(
-                Gram.of(own, range(self.size), self.unit, self._padded(seen.shared(range(self.machine.layout.size))))
-            )
+            parts.append(Gram.of(own, range(self.size), self.unit, noise))
         found = Gram.total(parts)
         return found if self.noise is None else found.with_noise(self.noise)
 
@@ -352,7 +391,7 @@ class FieldQuestion:
 
     def with_refined(self, refined: Refined) -> "FieldQuestion":
         """Return the question with an effect whose shape is refined, its columns appended."""
-        return self._keeping(replace(self, refined=refined), *OF_ROWS, "knowledge")
+        return self._keeping(replace(self, refined_as_read=refined), *OF_ROWS, "knowledge")
 
     def with_same_temperature(self) -> "FieldQuestion":
         """Return the question of a machine that is certainly as warm as in the references."""
@@ -367,12 +406,9 @@ class FieldQuestion:
         whole[: len(values)] += values
         return self._keeping(replace(self, machine=replace(self.machine, values=whole), free=True), *OF_ROWS)
 
-    def without_grams(self) -> "FieldQuestion":
-        """Return the question without blocks and Gram matrices.
-
-        They take tens of megabytes, and are computed again if they are needed.
-        """
-        return self._keeping(replace(self), *OF_READINGS)
+    def without_rows(self) -> "FieldQuestion":
+        """Return the question without the rows of a correction, which are computed again if they are needed."""
+        return self if self.correction is None else self._keeping(replace(self), *OF_CANDIDATES)
 
     def _keeping(self, other: "FieldQuestion", *names: str) -> "FieldQuestion":
         """Return another question with some computed properties of this one, which are the same in both."""
@@ -511,60 +547,78 @@ class FieldQuestion:
         once more, corrected likewise: a correction must neither remove noise nor make noise resemble an effect.
         applied: each effect with the number of its form
         """
+        return self._keeping(replace(self, correction=tuple(applied)), *OF_READINGS)
+
+    def uncorrected(self) -> "FieldQuestion":
+        """Return the question without a correction."""
+        return self._keeping(replace(self, correction=None), "_gram_as_read")
+
+    @cached_property
+    def _renewed(self) -> list[Proposal]:
+        """Effects of the layout whose columns the correction changes; those of a clock are computed always."""
+        own = [a.proposal for _, a in self.correction or ()]
+        return [p for p in own if not p.clock and not self._is_refined(p)]
+
+    def _is_refined(self, p: Proposal) -> bool:
+        return self.refined_as_read is not None and p is self.refined_as_read.proposal
+
+    @cached_property
+    def _kept_columns(self) -> frozenset[int]:
+        """Columns that a correction keeps: those of all effects but the corrected ones."""
+        layout = self.machine.layout
+        renewed = {k for p in self._renewed for k in layout.places[layout.proposals.index(p)]}
+        return frozenset(range(layout.first, layout.clock)) - renewed
+
+    @cached_property
+    def _corrected(self) -> "_Corrected":
+        """The recordings with their readings corrected."""
+        if self.correction is None:
+            return _Corrected(self.as_read, None, self.refined_as_read)
         machine, layout = self.machine, self.machine.layout
-        effects = [a.imposed for _, a in sorted(applied, key=lambda each: each[1].proposal.clock)]
-        refined = self.refined.proposal if self.refined else None
-        own = [a.proposal for _, a in applied if not a.proposal.clock and a.proposal is not refined]
-        places = [k - layout.first for p in own for k in layout.places[layout.proposals.index(p)]]
-        own += [a.proposal for _, a in applied if a.proposal is refined]
+        effects = [a.imposed for _, a in sorted(self.correction, key=lambda each: each[1].proposal.clock)]
+        own = [*self._renewed, *(a.proposal for _, a in self.correction if self._is_refined(a.proposal))]
+        places = [k - layout.first for p in self._renewed for k in layout.places[layout.proposals.index(p)]]
+        changed = [*range(layout.first), *(layout.first + k for k in places), *range(layout.clock, layout.width)]
         seen, again, before, after = [], list[Array](), list[SharedNoise](), list[SharedNoise]()
-        for each in self.seen:
+        for each in self.as_read:
             lost = np.isnan(each.rows.residual)
             other, recording = machine.regressors.corrected(each.recording, effects)
             rows = other.rows(recording, own, lost)
-            columns, count = each.rows.effects.copy(), len(places)
-            columns[..., places] = rows.effects[..., :count]
-            again.append(rows.effects[..., count:].astype(np.float64))
-            rows = replace(rows, effects=columns)
-            added = self._corrected_noise(each, replace(each, recording=recording, rows=rows), effects, own, places)
-            renewed = replace(each, recording=recording, rows=rows, added=added)
-            seen.append(replace(renewed, blocks=Blocks.whitened(layout.columns(rows, recording), machine.floor)))
+            again.append(rows.effects[..., len(places) :].astype(np.float64))
+            rows = replace(rows, effects=rows.effects[..., : len(places)])
+            other, twin = machine.regressors.corrected(replace(each.recording, values=each.twin), effects)
+            noisy = other.rows(twin, own, lost)
+            noisy = replace(noisy, effects=noisy.effects[..., : len(places)])
+            # Columns that are kept have the noise of the recording as read. The residual and the other columns have
+            # that of the corrected one, whose readings may be shifted in time.
+            columns = layout.columns(rows, recording)
+            change = layout.columns(noisy, twin) - columns[: len(noisy.t)]
+            added = each.added.with_columns(changed, Blocks.whitened(change, machine.floor))
+            blocks = each.blocks.with_columns(changed, Blocks.whitened(columns, machine.floor))
+            effects_columns = each.rows.effects.copy()
+            effects_columns[..., places] = rows.effects
+            rows = replace(rows, effects=effects_columns)
+            seen.append(replace(each, recording=recording, rows=rows, blocks=blocks, added=added))
             before.append(each.shared(()))
-            after.append(renewed.shared(()))
-        unit = {p: self.unit_of(p) for p, _ in applied}
-        found = replace(
-            self,
-            seen=tuple(seen),
-            applied={p: a.sizes / unit[p] for p, a in applied},
-            noise=_energy_of(before) - _energy_of(after),
-        )
-        if self.refined is not None and again[0].shape[-1]:
-            found = replace(found, refined=replace(self.refined, columns=tuple(again)))
-        return self._keeping(found, *OF_READINGS)
+            after.append(seen[-1].shared(()))
+        refined = self.refined_as_read
+        if refined is not None and again[0].shape[-1]:
+            refined = replace(refined, columns=tuple(again))
+        return _Corrected(tuple(seen), _energy_of(before) - _energy_of(after), refined)
 
-    def _corrected_noise(
-        self, before: Seen, after: Seen, effects: Sequence[Imposed], own: Sequence[Proposal], places: Sequence[int]
-    ) -> Blocks:
-        """Return the change of a corrected recording's columns from sensor noise that is added to it.
 
-        Kept columns have the noise of the original recording. The residual and renewed columns have that of the
-        corrected one, whose readings may be shifted in time.
-        own:    effects whose columns are renewed
-        places: numbers of these columns among those of the effects
-        """
-        machine, layout = self.machine, self.machine.layout
-        other, twin = machine.regressors.corrected(replace(before.recording, values=before.twin), effects)
-        noisy = other.rows(twin, own, np.isnan(before.rows.residual))
-        columns = after.rows.effects[: len(noisy.t)].copy()
-        columns[..., places] = noisy.effects[..., : len(places)]
-        noisy = replace(noisy, effects=columns)
-        change = layout.columns(noisy, twin) - layout.columns(after.rows.first(len(noisy.t)), after.recording)
-        noise = Blocks.whitened(change, machine.floor)
-        both = before.added.usable & noise.usable[: len(before.added.usable)]
-        rows = noise.rows[: len(both)].copy()
-        stay = [layout.first + k for k in range(columns.shape[-1]) if k not in places]
-        rows[..., stay] = before.added.rows[..., stay]
-        return Blocks(rows * both[..., None], both)
+@dataclass(frozen=True)
+class _Corrected:
+    """Recordings with their readings corrected for effects.
+
+    seen:    the recordings
+    noise:   (R, 1 + POLYNOMIALS) energy of the sensor noise that the correction removed; None without a correction
+    refined: an effect with refined shape parameters, its columns along the corrected recordings
+    """
+
+    seen: tuple[Seen, ...]
+    noise: Array | None
+    refined: Refined | None
 
 
 def _energy_of(parts: Sequence[SharedNoise]) -> Array:
@@ -643,7 +697,7 @@ def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[
         return sorted(free, key=lambda p: case.doubt(each[p], base) - case.under(each[p], state)[0])
     residuals, shift = _with_each(case, base.forms, free, state)
     _, log = likeliest_noise(case.gram, *case.gram.certain_energies(residuals), case.machine.noise)
-    log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.prior_precision(base.noise.conditions)[0])
+    log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.machine.prior_precision(base.noise.conditions)[0])
     return [free[k] for k in np.argsort(-log).tolist()]
 
 
@@ -689,7 +743,7 @@ class BlockIncident:
     log:      log probability of the recordings with it, its blocks' prior included
     rest:     residual at the worst joint with it, in noise floors
     before:   residual at the worst joint if its torque is not removed, in noise floors; all else is as fitted with it
-    nuisance: the nuisance of its blocks
+    nuisance: the nuisance of the blocks in which it is present
     """
 
     key: Key
@@ -731,13 +785,13 @@ def incidents(
         doubt, noise = (beside.doubt, beside.noise) if beside else (None, case.machine.noise)
         sizes = whole.likeliest_sizes(residual, noise, INCIDENT_SIZES)
         for _ in range(SETTLING):
-            held = replace(case, nuisance=whole.sized(sizes))
+            held = replace(case, nuisance=whole.present(sizes))
             noise = held.hypothesis(forms, noise, doubt).noise
             now = whole.likeliest_sizes(held.under(forms, held.state(noise))[2], noise, INCIDENT_SIZES)
             if np.array_equal(now, sizes):
                 break
             sizes = now
-        own = whole.sized(sizes)
+        own = whole.present(sizes)
         held = replace(case, nuisance=own)
         h = held.likeliest(forms, noise, doubt)
         key = UNKNOWN if p.name == UNKNOWN_TORQUE else (p.name, p.at)
@@ -1092,11 +1146,8 @@ def examined(
     hypotheses += [case.likeliest((p,), case.machine.noise) for p in jumps if (p,) not in known]
     best = max(hypotheses, key=lambda h: h.log)
     alone = incidents(question, case, question.plain, wanted)
-    beside = (
-        incidents(question, case, case.under(best.forms, case.state(best.noise))[2], wanted, best) if best.forms else []
-    )
     candidates = [Candidate(h, question) for h in hypotheses]
-    first = max([*alone, *beside], key=lambda i: i.log, default=None)
+    first = max([*alone, *_likeliest_beside(question, case, best, wanted)], key=lambda i: i.log, default=None)
     if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
         held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
         candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms]
@@ -1112,6 +1163,16 @@ def examined(
     watch("effects at their magnitudes")
     candidates = _at_magnitudes(question, candidates, allowed)
     return Found(question, case, tuple(candidates), tuple(alone), gaps)
+
+
+def _likeliest_beside(
+    question: FieldQuestion, case: Likelihood, base: Hypothesis, wanted: Callable[[Proposal], bool]
+) -> list[BlockIncident]:
+    """Return the most probable incident besides the effects of a hypothesis; none if it has no effect."""
+    if not base.forms:
+        return []
+    residual = case.under(base.forms, case.state(base.noise))[2]
+    return sorted(incidents(question, case, residual, wanted, base), key=lambda i: -i.log)[:1]
 
 
 def _beside_contact(
@@ -1163,7 +1224,7 @@ def _work(question: FieldQuestion, candidates: Sequence[Candidate], alone: Seque
         if len(files) == 1:
             part, logs = question, [c.log for c in candidates] + [i.log for i in alone]
         else:
-            part = replace(question, seen=tuple(s for s in question.seen if s.recording.name == name), step=None)
+            part = replace(question, as_read=tuple(s for s in question.as_read if s.recording.name == name), step=None)
             case = part.likelihood()
             logs = [h.log for h in searched(case, [k for k, f in enumerate(part.forms) if f.columns])]
             logs += [i.log for i in incidents(part, case, part.plain, lambda _: True)]
@@ -1233,7 +1294,7 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
             found.append(corrected(c))
     best = max(found, key=lambda c: c.log)
     if best.question is not question and len(best.hypothesis.forms) == 1:
-        case = best.question.likelihood()
+        case = best.question.without_rows().likelihood()
         known = {c.hypothesis.forms for c in found if c.question is best.question}
         for p in screened(case, best.hypothesis, allowed)[:AGAIN]:
             more = case.with_one_more(best.hypothesis, p)
@@ -1244,8 +1305,7 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
         if not best.is_linear:
             break
         found.remove(best)
-        as_read = replace(best.question, seen=question.seen, applied={}, noise=None)
-        found.append(corrected(replace(best, question=as_read)))
+        found.append(corrected(replace(best, question=best.question.uncorrected())))
     return found
 
 
@@ -1304,19 +1364,31 @@ def corrected(candidate: Candidate) -> Candidate:
     question, start, found = candidate.question, candidate.hypothesis, candidate
     rows = sum(float(s.blocks.usable.sum()) for s in question.seen)
     for _ in range(CORRECTIONS):
-        now = found.hypothesis
-        applied = _applied(question, now)
-        forms = question.forms
-        if any(np.linalg.norm(a.sizes[: forms[p].components]) > BEYOND * forms[p].high for p, a in applied):
+        now, other = found.hypothesis, _corrected_once(found, question, start.doubt, KEPT_ROWS * rows)
+        if other is None:
             break
-        other = question.corrected(applied)
-        case = other.likelihood()
-        if float(np.sum(case.gram.rows)) < KEPT_ROWS * rows:
-            break  # at these magnitudes the machine could not have moved so
-        found = Candidate(case.hypothesis(now.forms, now.noise, start.doubt), other.without_grams())
-        if np.linalg.norm(found.hypothesis.sizes - now.sizes) < STILL * np.linalg.norm(found.hypothesis.sizes):
+        found, sizes = other, other.hypothesis.sizes
+        if np.linalg.norm(sizes - now.sizes) < STILL * np.linalg.norm(sizes):
             break
     return found
+
+
+def _corrected_once(
+    candidate: Candidate, question: FieldQuestion, doubt: float, fewest_rows: float
+) -> Candidate | None:
+    """Return a candidate with the readings corrected for its effects; None where its magnitudes are impossible.
+
+    question: the recordings, not corrected
+    """
+    now, forms = candidate.hypothesis, question.forms
+    applied = _applied(question, now)
+    if any(np.linalg.norm(a.sizes[: forms[p].components]) > BEYOND * forms[p].high for p, a in applied):
+        return None
+    other = question.corrected(applied)
+    case = other.likelihood()
+    if float(np.sum(case.gram.rows)) < fewest_rows:
+        return None  # at these magnitudes the machine could not have moved so
+    return Candidate(case.hypothesis(now.forms, now.noise, doubt), other.without_rows())
 
 
 def _applied(question: FieldQuestion, h: Hypothesis) -> list[tuple[int, Applied]]:

@@ -132,13 +132,12 @@ class Blocks:
     @classmethod
     def whitened(cls, columns: Array, floor: NoiseFloor) -> "Blocks":
         """Return columns (T, R, N), the residual last, whitened by the floor, in units of its white noise."""
-        each = [predicted_off(columns[:, r], floor.memory[r]) / floor.white[r] for r in range(columns.shape[1])]
-        rows = np.stack(each, axis=1)
-        good = np.all(np.isfinite(rows), axis=2)
-        return cls(
-            in_blocks(np.where(good[..., None], rows, 0.0).astype(np.float32)),
-            in_blocks(good),
-        )
+        rows, good = np.zeros(columns.shape, dtype=np.float32), np.zeros(columns.shape[:2], dtype=np.bool_)
+        for r in range(columns.shape[1]):
+            white = predicted_off(columns[:, r], floor.memory[r]) / floor.white[r]
+            good[:, r] = np.all(np.isfinite(white), axis=1)
+            rows[good[:, r], r] = white[good[:, r]]
+        return cls(in_blocks(rows), in_blocks(good))
 
     @cached_property
     def basis(self) -> Array:
@@ -170,11 +169,15 @@ class Blocks:
         """Return the blocks (B,) that are kept."""
         return Blocks(self.rows[kept], self.usable[kept])
 
-    def renewed(self, columns: Sequence[int], other: "Blocks") -> "Blocks":
-        """Return the rows of another recording, except for some columns of this one; usable rows are the same."""
-        rows = other.rows.copy()
-        rows[..., list(columns)] = self.rows[..., list(columns)]
-        return Blocks(rows, other.usable)
+    def with_columns(self, columns: Sequence[int], other: "Blocks") -> "Blocks":
+        """Return the blocks with some columns renewed; rows are usable where both are.
+
+        other: the renewed columns, in this order
+        """
+        usable, rows = self.usable & other.usable, self.rows.copy()
+        rows[..., list(columns)] = other.rows
+        rows[~usable] = 0.0
+        return Blocks(rows, usable)
 
 
 @dataclass(frozen=True)
@@ -197,10 +200,11 @@ class SharedNoise:
     @classmethod
     def of(cls, added: Blocks, columns: Sequence[int]) -> "SharedNoise":
         """Return the shared noise from the change of whitened rows by added sensor noise."""
-        noise = added.rows[..., [*columns, -1]].astype(np.float64)
-        along = np.einsum("btrs,btrk->brsk", added.basis, noise, optimize=True)
-        whole = np.einsum("btrk,btr->brk", noise, noise[..., -1], optimize=True)
-        return cls(np.concatenate([whole[:, :, None], along * along[..., -1:]], axis=2), added.counts)
+        noise = np.moveaxis(added.rows[..., [*columns, -1]], 2, 1).astype(np.float64)  # (B, R, BLOCK_ROWS, K+1)
+        factors = np.concatenate([noise[..., -1:], np.moveaxis(added.basis, 2, 1)], axis=-1)
+        products = factors.swapaxes(2, 3) @ noise
+        products[:, :, 1:] *= products[:, :, 1:, -1:].copy()
+        return cls(products, added.counts)
 
     def expected(self, counts: Array) -> Array:
         """Return samples (B, R, 1 + POLYNOMIALS, K+1) whose sum is the shared noise of rows (B', R)."""
@@ -276,22 +280,28 @@ class Gram:
         smooth[:, :, -1, -1] += self.blocks[:, None] * given[:, 1:]
         return replace(self, whole=whole, smooth=smooth)
 
-    def with_columns(self, blocks: Blocks, columns: Sequence[int], changed: Sequence[int], unit: Array) -> "Gram":
-        """Return the Gram of blocks in which only some columns changed.
+    def with_columns(
+        self, blocks: Sequence[Blocks], changed: Sequence[int], unit: Array, noises: Sequence[SharedNoise]
+    ) -> "Gram":
+        """Return the Gram of recordings with the same usable rows, in which only some columns changed.
 
-        columns: all K columns of the Gram, by their numbers in the blocks
-        changed: numbers of the changed ones in the Gram; K stands for the residual
+        changed: numbers of the columns that changed; K stands for the residual
+        unit:    (K,) typical sizes of the columns
+        noises:  shared noise of each recording
         """
-        chosen, scale = [*columns, -1], np.append(unit, 1.0)
-        rows = blocks.rows[..., chosen].reshape(-1, blocks.rows.shape[2], len(chosen)).astype(np.float64)
-        whole = np.stack([rows[:, r][:, changed].T @ rows[:, r] for r in range(rows.shape[1])])
-        along = np.moveaxis(blocks.smooth[..., chosen].astype(np.float64), 0, 2)  # (R, S, B, K+1)
-        smooth = np.matmul(along[..., changed].swapaxes(2, 3), along)
-        both = np.outer(scale[changed], scale)
-        found = self.whole.copy(), self.smooth.copy()
+        chosen, own, scale = [*range(len(unit)), -1], list(changed), np.append(unit, 1.0)
+        whole, smooth = np.zeros_like(self.whole[..., own, :]), np.zeros_like(self.smooth[..., own, :])
+        for each in blocks:
+            rows = each.rows[..., chosen].reshape(-1, each.rows.shape[2], len(chosen))
+            joints = (rows[:, r].astype(np.float64) for r in range(rows.shape[1]))
+            whole += np.stack([x[:, own].T @ x for x in joints])
+            along = np.moveaxis(each.smooth[..., chosen].astype(np.float64), 0, 2)  # (R, S, B, K+1)
+            smooth += np.matmul(along[..., own].swapaxes(2, 3), along)
+        both, found = np.outer(scale[own], scale), (self.whole.copy(), self.smooth.copy())
         for old, new in zip(found, (whole * both, smooth * both), strict=True):
-            old[..., changed, :], old[..., :, changed] = new, np.swapaxes(new, -1, -2)
-        return replace(self, whole=found[0], smooth=found[1])
+            old[..., own, :], old[..., :, own] = new, np.swapaxes(new, -1, -2)
+        shared = [noise.expected(each.counts) * scale for each, noise in zip(blocks, noises, strict=True)]
+        return replace(self, whole=found[0], smooth=found[1], shared=np.concatenate(shared))
 
     def extended(
         self,

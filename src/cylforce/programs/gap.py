@@ -30,7 +30,7 @@ from cylforce.programs.common.statistics_cache import StatisticsCache
 from cylforce.programs.experiments.catalogue import STILL_S
 from cylforce.programs.experiments.separation import MotionPlan, planned, sentences
 from cylforce.programs.wording.fault_words import happening_beside
-from cylforce.readings.clocks import ClockSlip, clock_faults
+from cylforce.readings.clocks import ClockSlip, clock_faults_of_groups
 from cylforce.readings.constants import BLOCK_ROWS
 from cylforce.readings.faulty_sensors import faulty_sensors
 from cylforce.readings.jumps import jumping_sensors
@@ -124,7 +124,7 @@ class _GapRun:
         if reason := _unreadable(model, field, healthy.stretches):
             return _nothing(reason)
         self.watch("clocks", None)
-        late, odd = self._clock_faults(field.stretches), self._clock_faults(healthy.stretches)
+        late, odd = self._clock_faults(field.stretches, healthy.stretches)
         references = [each for each in healthy.stretches if each.name not in {fault.name for fault in odd}]
         if late and not references:
             return Diagnosed(off_clock([*late, *odd]))
@@ -211,12 +211,12 @@ class _GapRun:
     def _names(self) -> frozenset[str]:
         return frozenset(group[0].about.name for group in self.library) | {UNKNOWN}
 
-    def _clock_faults(self, recordings: Sequence[Recording]) -> Sequence[ClockSlip]:
-        """Return clock faults, where the library has that effect."""
+    def _clock_faults(self, *groups: Sequence[Recording]) -> Sequence[Sequence[ClockSlip]]:
+        """Return the clock faults of each group of recordings, where the library has that effect."""
         if CLOCKS not in self._names:
-            return ()
+            return [()] * len(groups)
         model = Model(self.loaded.service.machine, self.loaded.service.filters, ())
-        return clock_faults(model, recordings, self.parallel_map)
+        return clock_faults_of_groups(model, groups, self.parallel_map)
 
 
 def _nothing(reason: str) -> Diagnosed:

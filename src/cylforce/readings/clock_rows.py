@@ -5,7 +5,7 @@ weighted by its fit on one clock (errors of Cauchy's distribution): a load or a 
 two clocks nearly all.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -101,13 +101,23 @@ class JointRows:
 
     def residual(self, sensors: Sequence[int], clock: Clock) -> Array:
         """Return the torque (K, T) [N m] that the columns must explain with some sensors on each clock."""
+        return self._residual(sensors, self._changes(sensors, clock))
+
+    def _residual(self, sensors: Sequence[int], changes: Mapping[int, Array]) -> Array:
+        found = self._torque - self.known + np.zeros_like(changes[sensors[0]])
+        for s in sensors:
+            found += changes[s]
+        return np.asarray(found)
+
+    def _changes(self, sensors: Sequence[int], clock: Clock) -> dict[int, Array]:
+        """Return the change of the torque (K, T) [N m] with each of some sensors on each clock."""
         place = np.clip(clock.shown(self.t) / self.every, 0.0, len(self.pressures) - 1.001)
         first = place.astype(np.intp)
-        share, found = place - first, self._torque - self.known + np.zeros_like(place)
+        share, found = place - first, dict[int, Array]()
         for s in sensors:
             shown = self.pressures[first, s] * (1.0 - share) + self.pressures[first + 1, s] * share
-            found += self.levers[:, s] * (shown - self._on_time[:, s])
-        return np.asarray(found)
+            found[s] = self.levers[:, s] * (shown - self._on_time[:, s])
+        return found
 
     @cached_property
     def _on_time(self) -> Array:
@@ -146,24 +156,28 @@ class JointRows:
         energy = running_sums(torque**2) - np.einsum("tp,tpq,tq->t", score, covariance, score)
         return columns, covariance, energy
 
-    def gains(self, sensors: Sequence[int], clock: Clock) -> Array:
-        """Return the evidence [nats] (K,) that some sensors are on each clock."""
+    def gains(self, choices: Sequence[Sequence[int]], clock: Clock) -> Array:
+        """Return the evidence [nats] (C, K) that the sensors of each choice are on each clock."""
         parts = range(0, len(clock.rate), SLICE)
-        return np.concatenate([self._gains(sensors, clock.only(slice(k, k + SLICE))) for k in parts])
+        return np.concatenate([self._gains(choices, clock.only(slice(k, k + SLICE))) for k in parts], axis=1)
 
-    def _gains(self, sensors: Sequence[int], clock: Clock) -> Array:
+    def _gains(self, choices: Sequence[Sequence[int]], clock: Clock) -> Array:
         columns, covariance, one_clock = self._one_clock
-        rows = self.rows(clock)
-        torque = self.residual(sensors, clock) / self.noise * (np.arange(len(self.t)) < rows[:, None])
-        score = torque @ columns
-        energy = np.sum(torque**2, axis=1) - np.einsum("kp,kpq,kq->k", score, covariance[rows], score)
-        ratio = np.maximum(energy, 1e-9) / np.maximum(one_clock[rows], 1e-9)
-        gain = -0.5 * rows * EVERY_S / BLOCK_S * np.log(ratio)
-        return np.where(rows * EVERY_S > ENOUGH_S, gain, -np.inf)
+        rows, found = self.rows(clock), []
+        inside, known = np.arange(len(self.t)) < rows[:, None], covariance[rows]
+        changes = self._changes(sorted({s for sensors in choices for s in sensors}), clock)
+        for sensors in choices:
+            torque = self._residual(sensors, changes) / self.noise * inside
+            score = torque @ columns
+            energy = np.sum(torque**2, axis=1) - np.einsum("kp,kpq,kq->k", score, known, score)
+            ratio = np.maximum(energy, 1e-9) / np.maximum(one_clock[rows], 1e-9)
+            gain = -0.5 * rows * EVERY_S / BLOCK_S * np.log(ratio)
+            found.append(np.where(rows * EVERY_S > ENOUGH_S, gain, -np.inf))
+        return np.stack(found)
 
     def best(self, clock: Clock) -> tuple[Array, NDArray[np.intp]]:
         """Return the evidence (K,) of the best sensors for each clock, and the numbers of these choices."""
-        each = np.stack([self.gains(sensors, clock) for sensors in self.choices])
+        each = self.gains(self.choices, clock)
         return np.max(each, axis=0), np.argmax(each, axis=0)
 
     def energy(self, sensors: Sequence[int], clock: Clock) -> tuple[float, float]:

@@ -78,16 +78,26 @@ JointChoice = tuple[JointRows, tuple[int, ...]]  # a joint, and which of its sen
 Peak = tuple[Clock, float]  # a clock that fits better than those beside it, and its evidence [nats]
 
 
-def clock_faults(
-    model: Model, recordings: Sequence[Recording], parallel_map: ParallelMap = sequential_map
-) -> list[ClockSlip]:
-    """Return the clock faults of recordings, the one with the largest lag first.
+def clock_faults(model: Model, recordings: Sequence[Recording]) -> list[ClockSlip]:
+    """Return the clock faults of recordings, the one with the largest lag first."""
+    return clock_faults_of_groups(model, (recordings,))[0]
+
+
+def clock_faults_of_groups(
+    model: Model, groups: Sequence[Sequence[Recording]], parallel_map: ParallelMap = sequential_map
+) -> list[list[ClockSlip]]:
+    """Return the clock faults of each group of recordings, the one with the largest lag first.
 
     parallel_map: maps a function, perhaps in parallel
     """
-    found = [(recording, *piece) for recording in recordings for piece in pieces(model, recording)]
-    faults = parallel_map(lambda piece: list(faults_of_piece(*piece)), found)
-    return sorted((fault for each in faults for fault in each), key=lambda f: -abs(f.largest[0]))
+    numbered = [
+        (n, (each, *piece)) for n, group in enumerate(groups) for each in group for piece in pieces(model, each)
+    ]
+    found: list[list[ClockSlip]] = [[] for _ in groups]
+    faults = parallel_map(lambda piece: list(faults_of_piece(*piece)), [piece for _, piece in numbered])
+    for (n, _), own in zip(numbered, faults, strict=True):
+        found[n] += own
+    return [sorted(own, key=lambda f: -abs(f.largest[0])) for own in found]
 
 
 def faults_of_piece(recording: Recording, begins: float, joints: Sequence[JointRows]) -> Iterator[ClockSlip]:
@@ -126,7 +136,7 @@ def _fault(name: str, begins: float, shifted: Sequence[JointChoice], peaks: Sequ
         1.0 - after / before,
         tuple(joint.names[s] for joint, sensors in shifted for s in sensors),
         alternatives=tuple((float(a), float(b)) for a, b in lags[likely & ~near]),
-        nats=float(np.sum([joint.gains(sensors, clock) for joint, sensors in shifted])),
+        nats=float(np.sum([joint.gains([sensors], clock)[0] for joint, sensors in shifted])),
     )
 
 
@@ -207,7 +217,7 @@ def _errors(
     rate = clock.rate + np.where(jumps, 0.0, turned)
     offset = clock.offset + np.where(jumps, steps[:, 1], steps[:, 0] - turned * first)
     tried = Clock(rate, offset, np.repeat(clock.since, len(steps)))
-    f = np.sum([joint.gains(sensors, tried) for joint, sensors in shifted], axis=0)
+    f = np.sum([joint.gains([sensors], tried)[0] for joint, sensors in shifted], axis=0)
     straight = 2.0 * f[0] - f[[1, 3]] - f[[2, 4]]  # second differences along both lags
     mixed = f[0] - 0.5 * (f[5] + f[6] + np.sum(straight))
     value, vector = np.linalg.eigh(np.array([[straight[0], mixed], [mixed, straight[1]]]) / h**2)
