@@ -231,7 +231,6 @@ class Form:
     axes:      number of its sizes that are components of the magnitude
     sensor:    whether it is an error of readings or of geometry
     law_error: relative error of a magnitude because the law is only approximate
-    likely:    whether its prior probability is one half: a property that no data sheet contains
     """
 
     name: str
@@ -243,7 +242,6 @@ class Form:
     axes: int = 1
     sensor: bool = False
     law_error: float = 0.0
-    likely: bool = False
 
     @property
     def key(self) -> tuple[str, str]:

@@ -34,12 +34,11 @@ from cylforce.diagnosis.regressors import (
     typical_incidents,
 )
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
-from cylforce.effects.fault import INCIDENTAL, SHAPES, BaseMotion, TimeCourse
+from cylforce.effects.fault import INCIDENTAL, SHAPES, TORQUES, BaseMotion, TimeCourse
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.effects.loads.tip_force import TipForce
-from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import Model
 from cylforce.readings.constants import BLOCK_ROWS, LOAD_CENTRE
 from cylforce.signals.estimate import Array
@@ -128,7 +127,7 @@ class ColumnLayout:
 
     def incident(self, p: Proposal) -> tuple[int, ...]:
         """Return the incidental columns (from K on) of an incident."""
-        if p.name == UNKNOWN_TORQUE:
+        if p.incidents == TORQUES:
             first = self.size + len(INCIDENTAL) + SHAPES * self.model.machine.rows.index(p.where)
             return tuple(range(first, first + SHAPES))
         return tuple(self.size + INCIDENTAL.index(name) for name in p.incidents)

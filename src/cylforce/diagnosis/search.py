@@ -791,6 +791,8 @@ def incidents(
             if np.array_equal(now, sizes):
                 break
             sizes = now
+        if not np.any(sizes):
+            continue  # the same as without the incident
         own = whole.present(sizes)
         held = replace(case, nuisance=own)
         h = held.likeliest(forms, noise, doubt)
@@ -801,7 +803,7 @@ def incidents(
 
 
 def changed_load(question: FieldQuestion, case: Likelihood) -> LoadStep | None:
-    """Return the most probable change of a known load; None without a known load."""
+    """Return the most probable change of a known load; None if none is likelier than no change."""
     loaded = [(span, s) for span, s in zip(question.spans, question.seen, strict=True) if s.recording.load_kg]
     if not loaded:
         return None
@@ -813,7 +815,7 @@ def changed_load(question: FieldQuestion, case: Likelihood) -> LoadStep | None:
     for (first, last), seen in loaded:
         begins.setdefault(seen.recording.name, first)
         ends[seen.recording.name] = last
-    best, found = -np.inf, None
+    best, found = 0.0, None
     for (first, last), seen in loaded:
         name = seen.recording.name
         for k in range(first, last - 1):
@@ -1306,7 +1308,20 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
             break
         found.remove(best)
         found.append(corrected(replace(best, question=best.question.uncorrected())))
-    return found
+    return _without_repetition(found)
+
+
+def _without_repetition(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return the likeliest of the candidates with the same effects, incident and conditions.
+
+    The same hypothesis may be corrected at the magnitudes of several others; it counts once.
+    """
+    best: dict[object, Candidate] = {}
+    for c in sorted(candidates, key=lambda c: c.log):
+        forms = tuple((*c.question.forms[p].key, repr(c.question.proposals[p].group)) for p in c.hypothesis.forms)
+        incident = c.incident.key if c.incident else None
+        best[tuple(sorted(forms)), incident, c.hypothesis.noise.conditions.temperature] = c
+    return [c for c in candidates if any(c is kept for kept in best.values())]
 
 
 def refined(candidate: Candidate) -> Candidate:
@@ -1380,15 +1395,22 @@ def _corrected_once(
 
     question: the recordings, not corrected
     """
-    now, forms = candidate.hypothesis, question.forms
+    now = candidate.hypothesis
     applied = _applied(question, now)
-    if any(np.linalg.norm(a.sizes[: forms[p].components]) > BEYOND * forms[p].high for p, a in applied):
+    if not _are_plausible(question, applied):
         return None
     other = question.corrected(applied)
     case = other.likelihood()
     if float(np.sum(case.gram.rows)) < fewest_rows:
         return None  # at these magnitudes the machine could not have moved so
-    return Candidate(case.hypothesis(now.forms, now.noise, doubt), other.without_rows())
+    found = case.hypothesis(now.forms, now.noise, doubt)
+    return Candidate(found, other.without_rows()) if _are_plausible(question, _applied(question, found)) else None
+
+
+def _are_plausible(question: FieldQuestion, applied: Sequence[tuple[int, Applied]]) -> bool:
+    """Return whether no magnitude exceeds the largest plausible one: where one does, the correction diverges."""
+    forms = question.forms
+    return all(np.linalg.norm(a.sizes[: forms[p].components]) <= BEYOND * forms[p].high for p, a in applied)
 
 
 def _applied(question: FieldQuestion, h: Hypothesis) -> list[tuple[int, Applied]]:

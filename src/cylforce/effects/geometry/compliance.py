@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.reading import angle_signal, followed, measured_torque
@@ -45,7 +47,7 @@ class Compliance:
         signal = angle_signal(machine, where)
         if signal is None:
             return values
-        torque = followed(measured_torque(machine, values, where), t, self.settling)
+        torque = followed(np.nan_to_num(measured_torque(machine, values, where)), t, self.settling)
         found = values.copy()
         found[:, signal] += size * torque / (1.0 + (torque * self.stiffening) ** 2) ** 0.25
         return found
