@@ -1312,15 +1312,15 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
 
 
 def _without_repetition(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the likeliest of the candidates with the same effects, incident and conditions.
+    """Return the likeliest of the candidates with the same effects, incident or contact, and temperature.
 
     The same hypothesis may be corrected at the magnitudes of several others; it counts once.
     """
     best: dict[object, Candidate] = {}
     for c in sorted(candidates, key=lambda c: c.log):
         forms = tuple((*c.question.forms[p].key, repr(c.question.proposals[p].group)) for p in c.hypothesis.forms)
-        incident = c.incident.key if c.incident else None
-        best[tuple(sorted(forms)), incident, c.hypothesis.noise.conditions.temperature] = c
+        beside = c.incident.key if c.incident else c.beside_contact
+        best[tuple(sorted(forms)), beside, c.hypothesis.noise.conditions.temperature] = c
     return [c for c in candidates if any(c is kept for kept in best.values())]
 
 
