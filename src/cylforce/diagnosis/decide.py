@@ -163,7 +163,7 @@ class HypothesisEvidence:
 
     @cached_property
     def gap(self) -> float:
-        """Gap at the worst joint, in noise floors: residual before any effect, with the healthy machine's parameters."""
+        """Gap at the worst joint, in noise floors: residual without effects, with the healthy machine's parameters."""
         return float(np.max(self.found.gaps))
 
     @property
