@@ -253,7 +253,10 @@ def gap_of_sheet(
 def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
     """Return the answer with the least cost whose causes are not contradicted by their simulation.
 
-    A contradicted cause is withdrawn. Bayes' rule holds among the others: the next one is simulated.
+    A contradicted cause is withdrawn. Bayes' rule holds among the others: the next one is simulated. Beside that, mass
+    and first moment of a link are one answer (`one_answer`), and no gap is excluded where both the gap and the refitted
+    residual of the likeliest healthy machine reach CLEAR_GAP. The verdict no gap becomes unknown if the interval of a
+    withdrawn cause excludes zero and the healthy machine leaves a gap; at work, both become not observable.
     """
     question = found.question
     sure = min(float(np.max(found.gaps)), found.healthy.rest) >= CLEAR_GAP

@@ -107,7 +107,12 @@ class HypothesisEvidence:
 
     @cached_property
     def names(self) -> int:
-        """Number of effect names that compete."""
+        """Number of effect names that share the prior of the library; it depends on the question.
+
+        All names with a form count, also of forms that the search does not try, and loads that spill or shift. Jumps
+        count only if a reading jumps. Contact and slewing count where the search examined them as incidents: not in
+        working recordings.
+        """
         names = {f.name for f in self.found.question.forms} | {i.key[0] for i in self.found.incidents}
         return len(names - {UNKNOWN[0]})
 
@@ -158,7 +163,7 @@ class HypothesisEvidence:
 
     @cached_property
     def gap(self) -> float:
-        """Gap at the worst joint before any effect, in noise floors."""
+        """Gap at the worst joint, in noise floors: residual without effects, with the healthy machine's parameters."""
         return float(np.max(self.found.gaps))
 
     @property
@@ -169,15 +174,15 @@ class HypothesisEvidence:
     def explained(self, rest: float) -> float:
         """Return the share of the gap's energy above the noise floor that is removed.
 
-        It is 1 where the remaining residual is that of a healthy machine.
-        rest: remaining residual at the worst joint, in noise floors
+        It is 1 where the refitted residual is that of a healthy machine.
+        rest: refitted residual at the worst joint, in noise floors
         """
         gap, left = self.gap**2 - 1.0, rest**2 - 1.0
         return 1.0 - left / gap if min(gap, left) > SAME_MACHINE else 1.0
 
     @cached_property
     def strength(self) -> float:
-        """Factor that tempers all evidence, from the residual of the likeliest hypothesis.
+        """Factor that tempers all evidence, from the refitted residual of the likeliest hypothesis.
 
         With unknown loads and contact all evidence counts as model error: references do not show that kind of motion.
         """
@@ -201,7 +206,10 @@ class HypothesisEvidence:
 
     @cached_property
     def temperature_explains(self) -> bool:
-        """True where another temperature of a healthy machine leaves no more than the error of its laws of friction."""
+        """True where another temperature of a healthy machine leaves no more than the error of its laws of friction.
+
+        The refitted residual of that machine is compared with LAW_ERROR of the gap.
+        """
         healthy = self.found.healthy
         law = LAW_ERROR**2 * max(self.gap**2 - 1.0, 0.0)
         other = healthy.hypothesis.noise.conditions.temperature is not None
@@ -209,7 +217,10 @@ class HypothesisEvidence:
 
     @property
     def healthy_explains(self) -> bool:
-        """True where the likeliest healthy machine leaves the residual of a healthy one, or the error of its laws."""
+        """True without a gap, or where the likeliest healthy machine refits it.
+
+        Its refitted residual is then that of a healthy machine, or the error of its laws at another temperature.
+        """
         return not self.has_gap or self.found.healthy.rest**2 - 1.0 <= SAME_MACHINE or self.temperature_explains
 
     def _is_law_error(self, c: Candidate) -> bool:
@@ -222,7 +233,11 @@ class HypothesisEvidence:
         return hypothesis.noise.probability_usual(self.found.case.machine.noise)
 
     def lawful(self, c: Candidate) -> float:
-        """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law."""
+        """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
+
+        It is 1 for effects that leave at most one noise floor, whatever the noise: a cause that the library lacks, but
+        that looks like one of its effects, counts as that effect.
+        """
         usual = self.usual(c.hypothesis)
         gap = self.gap**2 - 1.0
         if not c.hypothesis.forms or gap <= 0.0:
@@ -233,8 +248,17 @@ class HypothesisEvidence:
     def posterior(self) -> dict[Key, float]:
         """Posterior probability of no gap, of each effect at its location, and of a cause that the library lacks.
 
-        Weight of a hypothesis goes to the unknown cause as far as its residual is neither a healthy one nor the error
-        of its law. All of it does if the hypothesis explains less than half of the gap.
+        It is normalised over the candidates and incidents that the search kept. Beside Bayes' rule:
+
+        - Weight of a hypothesis goes to the unknown cause as far as its residual is neither a healthy one nor the error
+          of its law. All of it does if the hypothesis explains less than half of the gap.
+        - Weight of effects beside another temperature goes to no gap if `temperature_explains`.
+        - Weight of an incident goes to no gap if it is a transient; to the unknown cause if it explains less than half
+          of the gap, or if it is contact in more than FEW_BLOCKS.
+        - A hypothesis of contact alone in some rows counts as contact, as unknown if that is withdrawn or not wanted;
+          without a gap as no gap.
+        - No gap has no probability if the gap is too large for any healthy machine (`sure`).
+        - Without a gap, the unknown cause's probability goes to no gap.
         """
         found: dict[Key, float] = {NO_GAP: 0.0, UNKNOWN: 0.0}
         for c, weight in zip(self.candidates, self.weights.candidates, strict=True):

@@ -3,13 +3,15 @@
 Of each joint and each block of three seconds the whitened residual y of the model is
 
     y = X (m + g) + X_h s + N n + Q d + e
-    g ~ N(0, C)   s: magnitudes, log-uniform   n ~ N(0, I)   d_k ~ N(0, rho^2 / (1 + k)^2)   e ~ N(0, v^2)
+    g ~ N(0, C + V)   s: magnitudes, log-uniform   n ~ N(0, I)   d_k ~ N(0, rho^2 / (1 + k)^2)   e ~ N(0, v^2)
 
 X, m, C: columns, their mean and covariance on the healthy machine (model.py)
+V:       run-to-run variation, and the change at another temperature where the conditions have one
 X_h:     columns of the hypothesis' effects
-N:       columns of nuisances of single blocks or stretches: payload, contact, slewing, free torque
+N:       columns of nuisances of single blocks or stretches: payload, contact, slewing, free torque; of one kind or none
 Q:       polynomials
-rho, v:  level of the model discrepancy and scale of the white noise of each joint, maximised with their prior
+rho, v:  level of the model discrepancy and scale of the white noise of each joint, maximised with their prior, anew for
+         each hypothesis
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -53,9 +55,12 @@ KEPT_STATES = 16  # marginals of a noise that are kept: each takes some megabyte
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
 SINGLE = float(np.finfo(np.float32).eps)
 AXES, DRAWS_COUNT, FEWEST_DRAWS = 6, 1024, 8  # of the quadrature over uncertain magnitudes
-FREE_PRECISION = (
-    0.25  # of a magnitude that the recording does not determine, in units of half the largest plausible one
-)
+# Precision of a Gaussian factor beside the log-uniform prior, on each component s of a magnitude in typical sizes:
+#     exp(-FREE_PRECISION (s^2 - s_0^2) / 2)        s_0: size for which the readings are corrected, else 0
+# It bounds the standard error where the recording does not determine a magnitude: two typical sizes, which are the
+# largest plausible magnitude of most effects. It shrinks magnitudes. It is 1 at s_0, no normalised density: it
+# costs half a nat at two typical sizes, and nothing at a converged correction. Value chosen.
+FREE_PRECISION = 0.25
 
 
 # Conditions
@@ -65,7 +70,7 @@ FREE_PRECISION = (
 class Conditions:
     """Conditions of a recording compared with those of the references.
 
-    variation:   factor on the run-to-run variation of the machine
+    variation:   factor on the standard deviations of the machine's run-to-run variation
     temperature: factor on the change of friction at another temperature of oil and sensors; None: the same one
     """
 
@@ -80,7 +85,8 @@ class Conditions:
         return float(np.log(SECOND_EFFECT / len(TEMPERATURES)))
 
 
-# Most machines are steadier than stated, and a weak effect shows on a steady machine only: both are as probable.
+# Most machines are steadier than stated, and a weak effect shows on a steady machine only: both are as probable. The
+# likelier of the two counts for a hypothesis; they are not averaged.
 USUAL_CONDITIONS = (Conditions(1.0), Conditions(0.5))
 # Another temperature of the sensors alone; of the oil, too: a third of the largest change of friction, and all of it.
 TEMPERATURES = (Conditions(temperature=0.0), Conditions(temperature=0.3), Conditions(temperature=1.0))
@@ -220,7 +226,7 @@ def largest_discrepancy(gram: Gram, white: Array, smooth: Array) -> Array:
 
 @dataclass(frozen=True)
 class Form:
-    """Effect at a location, in one of its forms.
+    """Effect at a location, in one of its forms: with one choice of its shape parameters.
 
     name:      of the effect
     at:        its location
@@ -796,7 +802,8 @@ class Hypothesis:
     noise:   of the residual under it
     sizes:   (M,) of all its columns, in units of their typical sizes
     errors:  (M,) standard errors of the sizes
-    rest:    residual at the worst joint, in noise floors
+    rest:    refitted residual at the worst joint, in noise floors. Machine and nuisances are fitted within their priors
+             too: a healthy machine may refit a gap away at the price of its prior
     doubt:   loss of evidence [nats] because the sensor noise in columns and residual is uncertain
     """
 
@@ -845,7 +852,9 @@ class Fitted:
     more:       (M,) sizes beyond those that the recording was corrected for
     sizes:      (M,) whole sizes
     covariance: (M, M) of the sizes
-    gain:       evidence [nats], integrated over the uncertainty
+    gain:       z' I^-1 z / 2 + log |2 pi I^-1| / 2 [nats]: evidence of `more`, integrated over its uncertainty; I
+                and z contain the precision of the priors. It is small for a converged correction, whose evidence is in
+                the likelihood of the corrected recording
     doubt:      loss of evidence [nats] because the sensor noise in columns and residual is uncertain
     """
 
@@ -861,7 +870,7 @@ def effective_share(rest: float) -> float:
 
     White noise counts in full. Excess residual is model error, correlated over CORRELATED_ROWS rows, so that those rows
     carry the information of one (Miller & Dunson 2019, coarsened posterior).
-    rest: residual of the hypothesis at the worst joint, in noise floors
+    rest: refitted residual of the hypothesis at the worst joint, in noise floors
     """
     excess = max(1.0 - (1.0 + SAME_MACHINE) / max(rest, 1.0) ** 2, 0.0)
     return float(1.0 / (1.0 + (CORRELATED_ROWS - 1.0) * excess))
@@ -882,7 +891,7 @@ class Likelihood:
     nuisance:  nuisances of single blocks; None if there are none
     corrected: sizes (M,) of forms that the recordings were corrected for, in units of the typical sizes
     support:   evidence [nats] for a form of sizes (M,) [SI] from other data: return pressures, counts of jumps
-    apart:     log probability of the rows that are excluded
+    apart:     log probability of the rows that are excluded; beside an incident log prior probability of its blocks
     """
 
     gram: Gram
@@ -1054,7 +1063,11 @@ class Likelihood:
         return max((self.hypothesis(forms, replace(noise, conditions=c), doubt) for c in tried), key=lambda h: h.log)
 
     def rests(self, residual: Array, noise: ResidualNoise | None = None) -> Array:
-        """Return the residual (R,) in noise floors, rms; with `noise`, the residual besides the nuisances."""
+        """Return the rms (R,) of a residual, in noise floors.
+
+        residual: coefficients (K+1,); those of `under` give the refitted residual, those of the reported one the gap
+        noise:    of the residual; with it, the nuisances are subtracted
+        """
         energy = np.einsum("i,rij,j->r", residual, self.gram.whole, residual)
         if self.nuisance is not None and noise is not None:
             white, smooth = self.nuisance.energies(residual, noise)

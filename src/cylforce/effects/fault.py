@@ -266,11 +266,11 @@ class TimeCourse(StrEnum):
 
 @runtime_checkable
 class Incident(Fault, Protocol):
-    """An effect that begins at some instant, which the diagnosis has to find."""
+    """An effect that is present from an instant on, or in single blocks, which the diagnosis has to find."""
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns whose sizes change (see `INCIDENTAL`)."""
+        """Names of the columns whose sizes change: of `INCIDENTAL`; `TORQUES` are the unknown torque's alone."""
         ...
 
     @property
@@ -323,7 +323,10 @@ STILL = 1e-4  # of a usual size: none
 
 
 def usual_sizes(effect: Fault) -> tuple[float, ...]:
-    """Return typical sizes of an effect's columns."""
+    """Return typical sizes of an effect's columns, the units of the diagnosis: half the largest plausible magnitude.
+
+    Masses and motions of the base declare their own (`typical`).
+    """
     if isinstance(effect, MassChange | BaseMotion):
         return effect.typical
     return (effect.about.high / 2.0,)
