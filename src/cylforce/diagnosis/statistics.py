@@ -131,15 +131,11 @@ class Blocks:
 
     @classmethod
     def whitened(cls, columns: Array, floor: NoiseFloor) -> "Blocks":
-        """Return columns (T, R, N), the residual last, whitened by the floor, in units of its white noise.
-
-        The first MEMORY rows of a block are predicted from rows of the block before it, in which an incident may have
-        another size: they do not count.
-        """
+        """Return columns (T, R, N), the residual last, whitened by the floor, in units of its white noise."""
         rows, good = np.zeros(columns.shape, dtype=np.float32), np.zeros(columns.shape[:2], dtype=np.bool_)
         for r in range(columns.shape[1]):
             white = predicted_off(columns[:, r], floor.memory[r]) / floor.white[r]
-            good[:, r] = np.all(np.isfinite(white), axis=1) & (np.arange(len(white)) % BLOCK_ROWS >= MEMORY)
+            good[:, r] = np.all(np.isfinite(white), axis=1)
             rows[good[:, r], r] = white[good[:, r]]
         return cls(in_blocks(rows), in_blocks(good))
 
