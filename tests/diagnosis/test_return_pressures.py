@@ -33,8 +33,8 @@ def recording(seed, rod=0.0, scatter=2e4, speeds=(0.05, 0.3)):
     values[:, ROD] = 5e5 + 2e7 * each[block] ** 2 + away[block] + rod
     values[:, HEAD] = 80e5
     empty, nothing = np.zeros((len(t), 0)), np.zeros((len(t), 0), dtype=np.float32)
-    posture, still = np.zeros((len(t), MACHINE.size)), np.zeros(len(t))
-    rows = TorqueRows(empty, empty, nothing, nothing, empty, t, speed, np.where(speed > 0.0, 1e5, 0.0), posture, still)
+    posture = np.zeros((len(t), MACHINE.size))
+    rows = TorqueRows(empty, empty, nothing, nothing, empty, t, speed, np.where(speed > 0.0, 1e5, 0.0), posture)
     return Recording(f"{seed}", values), rows
 
 
