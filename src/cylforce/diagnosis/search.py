@@ -1382,6 +1382,8 @@ def corrected(candidate: Candidate) -> Candidate:
         now, other = found.hypothesis, _corrected_once(found, question, start.doubt, KEPT_ROWS * rows)
         if other is None:
             break
+        if found is not candidate and not _are_plausible(question, _applied(question, other.hypothesis)):
+            break  # it diverges: the round before holds
         found, sizes = other, other.hypothesis.sizes
         if np.linalg.norm(sizes - now.sizes) < STILL * np.linalg.norm(sizes):
             break
@@ -1403,12 +1405,11 @@ def _corrected_once(
     case = other.likelihood()
     if float(np.sum(case.gram.rows)) < fewest_rows:
         return None  # at these magnitudes the machine could not have moved so
-    found = case.hypothesis(now.forms, now.noise, doubt)
-    return Candidate(found, other.without_rows()) if _are_plausible(question, _applied(question, found)) else None
+    return Candidate(case.hypothesis(now.forms, now.noise, doubt), other.without_rows())
 
 
 def _are_plausible(question: FieldQuestion, applied: Sequence[tuple[int, Applied]]) -> bool:
-    """Return whether no magnitude exceeds the largest plausible one: where one does, the correction diverges."""
+    """Return whether no magnitude exceeds the largest plausible one."""
     forms = question.forms
     return all(np.linalg.norm(a.sizes[: forms[p].components]) <= BEYOND * forms[p].high for p, a in applied)
 
