@@ -9,13 +9,16 @@ from rich.console import Console
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import REGIMES
 from cylforce.effects.library import LIBRARY, proposals
+from cylforce.estimation.model import FRICTION, Model
 from cylforce.programs.gap_output import show
 from cylforce.programs.wording.fault_words import TOLD, WORDS, amount, fault, happening_beside, place
+from cylforce.programs.wording.parameter_words import UNKNOWN, meaning
 from cylforce.programs.wording.plain import WHEN, plain
 from cylforce.settings.machine_file import load
 from scenarios import CONFIG
 
-MACHINE = load(CONFIG / "excavator_20t.toml").service.machine
+LOADED = load(CONFIG / "excavator_20t.toml").service
+MACHINE = LOADED.machine
 JARGON = re.compile(r"nats|residual|rms|regime|regressor|posterior|_|N m\b", re.IGNORECASE)
 SPOT = {"channel": "stick", "regime": "slow", "share": 0.81, "p": 0.001, "found": True}
 SIZE = {"value": -52300.0, "low": -61000.0, "high": -44000.0, "unit": "Pa"}
@@ -265,3 +268,9 @@ def test_what_remains_once_the_parameters_are_identified_is_said_beside_them():
     known = FIRST | {"because": "the simulation's masses and friction are not this machine's"}
     said = text(answered("explained", effect()) | {"identify_first": known, "compared_with": "simulation"})
     assert "Then: Very probably a wrong zero of the rod-side pressure sensor of the stick cylinder." in said
+
+
+def test_every_parameter_of_the_model_has_a_name_that_a_mechanic_knows():
+    names = [parameter.name for parameter in Model(MACHINE, LOADED.filters, FRICTION).parameters]
+    assert UNKNOWN[0] not in {meaning(name) for name in names}
+    assert not [name for name in names if JARGON.search(meaning(name))]

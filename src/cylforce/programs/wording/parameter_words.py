@@ -12,8 +12,9 @@ MEANING = {
     "coulomb": ("dry friction", "move the {0} cylinder slowly, both ways"),
     "viscous": ("friction with speed", "move the {0} cylinder both slowly and fast"),
     "load_dependent": ("friction with load", "move the {0} cylinder with the arm out and in"),
+    "delay": ("delay of the angle", "start and stop {0} briskly, both ways"),
     "directional": (
-        "friction larger one way than the other",
+        "difference of the friction between its directions",
         "move the {0} cylinder slowly, both ways, in the same postures",
     ),
     "rocker": ("weight of the rocker and its link", "move the {0} cylinder through its range, slowly, both ways"),
