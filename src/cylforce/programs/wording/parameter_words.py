@@ -12,6 +12,7 @@ MEANING = {
     "coulomb": ("dry friction", "move the {0} cylinder slowly, both ways"),
     "viscous": ("friction with speed", "move the {0} cylinder both slowly and fast"),
     "load_dependent": ("friction with load", "move the {0} cylinder with the arm out and in"),
+    "cylinder": ("weight of the cylinder", "move the {0} cylinder through its range, slowly, both ways"),
     "delay": ("delay of the angle", "start and stop {0} briskly, both ways"),
     "directional": (
         "difference of the friction between its directions",
