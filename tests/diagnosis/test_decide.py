@@ -16,7 +16,15 @@ from cylforce.diagnosis.constants import (
     SPILL,
 )
 from cylforce.diagnosis.decide import HypothesisEvidence, Verdict, as_simulated, costs, first_effect, one_answer
-from cylforce.diagnosis.likelihood import TEMPERATURES, USUAL_CONDITIONS, Conditions, Form, Hypothesis, ResidualNoise
+from cylforce.diagnosis.likelihood import (
+    TEMPERATURES,
+    USUAL_CONDITIONS,
+    Conditions,
+    Form,
+    Hypothesis,
+    ResidualNoise,
+    effective_share,
+)
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Spill
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.readings.constants import HEALTHY, UNKNOWN_EFFECT
@@ -180,6 +188,18 @@ def test_each_spilt_load_counts_in_full_though_rows_beside_unknown_loads_count_a
     odds = [each.posterior[SPILT] / each.posterior[NO_GAP] for each in found]
     assert odds[1] / odds[0] == pytest.approx(INCIDENT / SPILL)
     assert odds[2] / odds[0] == pytest.approx((INCIDENT / SPILL) ** 7)
+
+
+def test_spilt_loads_count_less_where_the_work_leaves_a_model_error():
+    """An error of the laws is common to all loads: with cold oil a healthy machine's eleven nats named a spill."""
+    work = evidence(incidents=[spilt(1)]).found
+
+    def prior(rest, odds):
+        each = HypothesisEvidence(work)
+        return each.prior_of_incident(replace(spilt(1), rest=rest, odds=odds))
+
+    for rest in (1.0, 1.3, 2.0, 5.0):
+        assert prior(rest, 12.0) - prior(rest, 0.0) == pytest.approx(12.0 * effective_share(rest))
 
 
 def test_a_transient_beside_a_lasting_effect_does_not_hide_it():

@@ -21,6 +21,7 @@ from cylforce.settings.machine_file import Loaded, load
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 MACHINE = CONFIG / "excavator_20t.toml"
+MOVES_S = 150.0
 HIDDEN = (  # name, place, size in SI units: about the middle of what is plausible
     ("", "", 0.0),
     ("angle_offset", "stick_angle", 0.015),
@@ -68,9 +69,8 @@ def asked(loaded: Loaded, hidden: tuple[str, str, float], seed: int, mass_error:
         effects = folder / "effects.toml"
         effects.write_text(f'[[effects]]\nname = "{name}"\nat = "{at}"\nvalue = {value}\n')
     field, own = folder / "field.csv", folder / "simulation.csv"
-    moves = {"scenario": "moves", "duration": 150.0}
-    run_sim(MACHINE, **moves, seed=seed, mass_error=mass_error, effects=effects, table=field)
-    run_sim(MACHINE, **moves, seed=seed + 1, mass_error=0.0, table=own)
+    run_sim(MACHINE, scenario="moves", duration=MOVES_S, seed=seed, mass_error=mass_error, effects=effects, table=field)
+    run_sim(MACHINE, scenario="moves", duration=MOVES_S, seed=seed + 1, mass_error=0.0, table=own)
     answer = diagnose(loaded, Question((field,), simulation=(own,))).answer
     named = [(e["name"], e["at"]) for e in answer["effects"]]
     sure = answer["effects"][0]["confidence"] if named else 0.0

@@ -156,7 +156,8 @@ class HypothesisEvidence:
             return float(np.log(HEALTHY))
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
-        odds = i.odds if isinstance(i, Spill) else 0.0  # of separate loads, not of rows with a common model error
+        # Loads are separate evidence, but a model error that the work leaves is common to them.
+        odds = effective_share(i.rest) * i.odds if isinstance(i, Spill) else 0.0
         return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names)) + odds
 
     # Posterior
