@@ -55,8 +55,9 @@ def test_the_loop_is_woken(timer):
         loop.add_reader(timer.fileno(), lambda: timer.read() and done.set())
         await asyncio.wait_for(done.wait(), 5.0)
         loop.remove_reader(timer.fileno())
+        return done.is_set()
 
-    asyncio.run(main())
+    assert asyncio.run(main())
 
 
 @pytest.mark.parametrize("period_s", [0.0, -1.0, float("inf"), float("nan")])

@@ -232,6 +232,8 @@ def test_a_node_whose_boot_up_was_missed_is_done_again():
         await until(lambda: world.sensors[11].raw(0x1017, 0) == 50 and world.sensors[11].operational)
 
     play(world, scenario)
+    assert world.sensors[11].raw(0x1017, 0) == 50
+    assert world.sensors[11].operational
 
 
 def test_a_node_that_is_sent_back_to_pre_operational_is_started_again():
@@ -244,6 +246,7 @@ def test_a_node_that_is_sent_back_to_pre_operational_is_started_again():
         await until(lambda: world.heartbeats.state(11) == 5)
 
     play(world, scenario)
+    assert world.sensors[11].operational
 
 
 def test_a_node_that_does_not_start_is_told():

@@ -49,7 +49,8 @@ def names_of(model):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_an_empty_machine_is_not_refused(machine, seed):
     loaded = load(machine)
-    identify(model_of(loaded), [samples(loaded, seed)])
+    found = identify(model_of(loaded), [samples(loaded, seed)])
+    assert np.all(np.isfinite(found.tares.values))
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,8 @@ import re
 from dataclasses import replace
 from functools import cache
 from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from rich.console import Console
 
 from cylforce.commissioning import suspicion
 from cylforce.commissioning.explained import FAR, LITTLE, explained, quality
-from cylforce.commissioning.identification import identify
+from cylforce.commissioning.identification import Identification, identify
 from cylforce.commissioning.repairs import DECISIVE, Case, Repair, repairs
 from cylforce.commissioning.wiring import Suspicion
 from cylforce.estimation.blocks import chosen
@@ -23,7 +25,7 @@ from cylforce.programs.identify import How, run_identify, show
 from cylforce.programs.replay import run_replay
 from cylforce.programs.reports.report import write_report
 from cylforce.settings.identified import identified_warnings
-from cylforce.settings.machine_file import load
+from cylforce.settings.machine_file import Loaded, load
 from scenarios import EXCAVATOR, SMALL
 from spoilt import exchanged, samples, with_bore
 from studies.unexplained import reference
@@ -52,14 +54,23 @@ def flipped(loaded):
     return loaded._replace(service=loaded.service._replace(machine=replace(machine, cylinders=(first, *others))))
 
 
+class Written(NamedTuple):
+    """The machine, its recording, the identified file, and the identification."""
+
+    loaded: Loaded
+    table: Path
+    output: Path
+    found: Identification
+
+
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """(loaded, recording, identified file, what was found) of a flipped pin, written all the same."""
+    """What is written of a machine file with a flipped pin."""
     folder = tmp_path_factory.mktemp("flipped")
     table, output = folder / "moves.parquet", folder / "identified.toml"
     values, wrong = recording(FEW), flipped(FEW)
     write_table(table, Table(np.arange(len(values)) * 0.01, values, tuple(FEW_SIGNALS)))
-    return wrong, table, output, run_identify(wrong, [table], output, How(refuse=False))
+    return Written(wrong, table, output, run_identify(wrong, [table], output, How(refuse=False)))
 
 
 @pytest.fixture(scope="module")
@@ -105,27 +116,26 @@ def test_a_pin_that_leaves_no_usable_posture_is_refused_by_name():
 
 
 def test_written_all_the_same_the_warning_goes_with_the_parameters(written):
-    loaded, table, output, found = written
+    found, output = written.found, written.output
     assert UP_SIDE_DOWN.format("stick") in found.warnings[0]
     assert identified_warnings(output) == found.warnings
     heard = []
-    make_core(loaded, output, heard.append)
+    make_core(written.loaded, output, heard.append)
     assert heard == [f"{output}: {sentence}" for sentence in found.warnings]
-    run_replay(loaded, table, output, heard.append)
+    run_replay(written.loaded, written.table, output, heard.append)
     assert UP_SIDE_DOWN.format("stick") in heard[len(found.warnings)]
 
 
 def test_the_terminal_shows_share_and_warning(written):
     out = StringIO()
-    show(written[3], Console(file=out, width=1000))
-    assert f"stick {100.0 * written[3].explained[0]:.2f} %" in out.getvalue()
-    assert f"warning: {written[3].warnings[0]}" in out.getvalue()
+    show(written.found, Console(file=out, width=1000))
+    assert f"stick {100.0 * written.found.explained[0]:.2f} %" in out.getvalue()
+    assert f"warning: {written.found.warnings[0]}" in out.getvalue()
 
 
 def test_the_report_shows_the_joint_in_red(written, tmp_path):
-    _, _, output, found = written
     page = tmp_path / "report.html"
-    write_report(page, found, [("moves", recording(FEW))], output)
+    write_report(page, written.found, [("moves", recording(FEW))], written.output)
     text = page.read_text()
     assert '<tr class="bad"><td>stick</td>' in text
     assert "<tr><td>bucket</td>" in text

@@ -225,6 +225,12 @@ def test_without_a_known_load_none_can_change():
     assert not question.forms[form_of(question, ("payload_spill", "bucket"))].columns
 
 
+def test_a_known_load_that_stays_does_not_change():
+    """A block was left out of every hypothesis, whatever the evidence."""
+    question = question_of(healthy_machine(), [recorded(FIELD, load_kg=600.0)], np.random.default_rng(1))
+    assert changed_load(question, question.likelihood()) is None
+
+
 def test_a_known_load_leaves_a_healthy_machine_without_a_gap():
     """Where it hangs is fitted."""
     question = question_of(healthy_machine(), [recorded(FIELD, load_kg=600.0)], np.random.default_rng(1))
@@ -245,6 +251,14 @@ def test_contact_is_found_in_the_blocks_in_which_it_happens():
     assert np.mean(found.sizes[outside] > 0.0) < 0.15
     assert 0.05 < found.share < 0.3
     assert found.log > question.likelihood().healthy.log + 20.0
+
+
+def test_an_incident_is_present_in_some_block():
+    """One without blocks is the hypothesis without it, and would count twice."""
+    for own in ((), (FRICTION,)):
+        question = asked((FIELD, own))
+        found = incidents(question, question.likelihood(), question.plain, lambda _: True)
+        assert all(np.any(incident.sizes > 0.0) for incident in found)
 
 
 # Work
@@ -282,6 +296,11 @@ def test_the_likeliest_hypothesis_is_examined_at_its_magnitudes(own):
     likeliest = max(found.candidates, key=lambda c: c.log)
     assert ("angle_offset", "stick_angle") in likeliest.keys
     assert not likeliest.is_linear
+    same = [
+        (c.hypothesis.forms, c.hypothesis.noise.conditions.temperature, id(c.incident), c.beside_contact)
+        for c in found.candidates
+    ]
+    assert len(set(same)) == len(same)  # a hypothesis counts once, whatever it was corrected for
     corrections = [c.question for c in found.candidates if c.question.applied]
     assert corrections
     assert all("seen" not in vars(question) for question in corrections)  # rows take tens of megabytes each

@@ -18,9 +18,12 @@ from cylforce.effects.friction.return_line_loss import ReturnLineLoss
 from cylforce.effects.friction.stribeck import Stribeck
 from cylforce.effects.friction.viscous_friction import ViscousFriction
 from cylforce.effects.imposed import Imposed, excess_force, friction_level
+from cylforce.effects.library import LIBRARY, proposals
 from cylforce.estimation.model import Model
 from cylforce.mechanics.installation import Filters
+from cylforce.settings.machine_file import load
 from rig import BAR, LEVER, ROD, rig, turning
+from scenarios import EXCAVATOR
 
 E_1 = 0.3678794  # 1/e
 
@@ -193,3 +196,17 @@ def test_friction_that_saturates_grows_with_small_loads_alone():
     loads = np.array([1e3, -1e3, 1e8])
     force = LoadDependentFriction(easing=3e-6).force(np.full(3, 0.5), loads, np.arange(3.0))
     np.testing.assert_allclose(force, [1e3, 1e3, 1.0 / 3e-6], rtol=0.01)
+
+
+def test_masses_and_friction_while_moving_are_what_parameters_of_a_model_describe():
+    machine = load(EXCAVATOR).service.machine
+    assert {p.name for p in proposals(machine, LIBRARY) if p.of_parameters} == {
+        "extra_mass",
+        "first_moment_change",
+        "mud",
+        "coulomb_friction",
+        "viscous_friction",
+        "load_dependent_friction",
+        "asymmetric_friction",
+        "friction_level_change",
+    }

@@ -202,6 +202,17 @@ def test_a_link_gives_in_proportion_to_its_torque():
     np.testing.assert_allclose(changed(Compliance(), 4e-8, "angle", t, rod=70e3 / ROD), -6.72e-3)
 
 
+def test_missing_pressures_do_not_spoil_the_deflection_after_them():
+    t = np.arange(0.0, 2.0, 0.01)
+    values = readings(len(t), head=100 * BAR, rod=50 * BAR)
+    missing = values.copy()
+    missing[20:23, SIGNALS.index("head")] = np.nan
+    whole, found = (
+        Compliance().distorted(rig(), each, t, 0, 4e-8)[:, SIGNALS.index("angle")] for each in (values, missing)
+    )
+    np.testing.assert_allclose(found[-50:], whole[-50:], rtol=1e-3)
+
+
 def test_a_link_that_stiffens_gives_by_the_root_of_a_large_torque():
     """At sqrt(15) times the knee half as much as in proportion: (1 + 15)^(1/4) = 2; far beyond it four times the torque
     turn it twice as far."""

@@ -323,5 +323,6 @@ def test_messages_that_nobody_reads_do_not_stop_the_measurement(machine, tares):
             await daemon.stop(loop)
 
         asyncio.run(main())
+        assert len(estimates) > 5
     finally:
         structlog.reset_defaults()

@@ -8,6 +8,7 @@ import struct
 from functools import cached_property
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -109,14 +110,21 @@ def bench():
     return Bench()
 
 
+class Spoiled(NamedTuple):
+    """State of the service at the end, its estimates, and its answers to commands."""
+
+    state: WeighingService
+    estimates: list
+    verdicts: list
+
+
 def spoiled(bench, run, events, until=np.inf):
-    """(state, estimates, verdicts) of the spoiled rest of a run, to `until` [s] after the fault; every status OK is
-    honest."""
+    """The spoiled rest of a run, to `until` [s] after the fault; every status OK is honest."""
     events = [e for e in events if seconds(e) < FAULT + until]
     state, estimates, verdicts = through(bench.core, events, run.state)
     for estimate in estimates:
         honest(bench, estimate)
-    return state, estimates, verdicts
+    return Spoiled(state, estimates, verdicts)
 
 
 def judged(service):
@@ -218,7 +226,8 @@ def test_a_short_frame_is_not_processed(bench, length):
     for 50 ms with the reason SHORT_FRAME, then all is as before without a restart."""
     pdo = pdo_of(bench.service, "boom_head_pressure")
     cut = with_pdo(bench.carry.events, pdo, lambda f: f._replace(data=f.data[:length]), FAULT, FAULT + 0.05)
-    state, estimates, _ = spoiled(bench, bench.carry, cut, 1.0)
+    found = spoiled(bench, bench.carry, cut, 1.0)
+    state, estimates = found.state, found.estimates
     assert state.inputs.counters.short == 5
     assert states(estimates) == [("OK", "NONE"), ("HOLD", "SHORT_FRAME"), ("OK", "NONE")]
     assert len(between(estimates, FAULT, FAULT + 0.1)) == 10
@@ -229,7 +238,7 @@ def test_short_frames_for_longer_make_the_estimate_invalid(bench):
     """Half a second of short frames: HOLD for at most 200 ms after the last whole frame, then INVALID, SHORT_FRAME."""
     pdo = pdo_of(bench.service, "stick_angle")
     cut = with_pdo(bench.carry.events, pdo, lambda f: f._replace(data=f.data[:2]), FAULT, FAULT + 0.5)
-    _, estimates, _ = spoiled(bench, bench.carry, cut, 2.0)
+    estimates = spoiled(bench, bench.carry, cut, 2.0).estimates
     assert states(estimates)[:3] == [("OK", "NONE"), ("HOLD", "SHORT_FRAME"), ("INVALID", "SHORT_FRAME")]
     lost_with(estimates, Reason.SHORT_FRAME, FAULT + HOLD_S + 0.02, FAULT + 0.5)
     assert force_back(estimates, FAULT + 0.5) < 0.8
@@ -242,7 +251,8 @@ def test_a_long_frame_is_used_in_part_and_told(bench, more):
     run = bench.carry
     pdo = pdo_of(bench.service, "boom_head_pressure")
     longer = with_pdo(run.events, pdo, lambda f: f._replace(data=f.data + more), FAULT, FAULT + 0.1)
-    state, estimates, _ = spoiled(bench, run, longer)
+    found = spoiled(bench, run, longer)
+    state, estimates = found.state, found.estimates
     assert state.inputs.counters.long == 10
     assert (
         states(estimates) == states(estimates, "force") == [("OK", "NONE"), ("DEGRADED", "LONG_FRAME"), ("OK", "NONE")]
@@ -251,7 +261,7 @@ def test_a_long_frame_is_used_in_part_and_told(bench, more):
     assert [e.gross.value for e in estimates] == [e.gross.value for e in run.good]
     command = Frame(longer[0].t_us, SDO, sdo(0x23, 0x6139, 1, b"tare"))
     middle = next(k for k, e in enumerate(longer) if seconds(e) >= FAULT + 0.5)
-    _, _, verdicts = spoiled(bench, run, [*longer[:middle], command, *longer[middle:]])
+    verdicts = spoiled(bench, run, [*longer[:middle], command, *longer[middle:]]).verdicts
     assert verdicts == [NOT_NOW]
 
 
@@ -268,10 +278,10 @@ def test_strangers_are_counted_and_change_nothing(bench):
         data = sdo(0x23, 0x6139, 1, b"tare") if can_id & 0x7FF == SDO else bytes([k % 256] * 8)
         data = bytes(8) if can_id & 0x7FF > 0x700 else data
         mixed.append(Frame(event.t_us, can_id, data))
-    state, estimates, verdicts = spoiled(bench, run, mixed)
-    same(estimates, run.good)
-    assert verdicts == []
-    counted = [judged(each).inputs.counters.unknown for each in (run.end, state)]
+    found = spoiled(bench, run, mixed)
+    same(found.estimates, run.good)
+    assert found.verdicts == []
+    counted = [judged(each).inputs.counters.unknown for each in (run.end, found.state)]
     assert counted[1] - counted[0] == len(run.events)
 
 
@@ -279,7 +289,7 @@ def test_a_boot_up_message_of_a_stranger_changes_nothing(bench):
     """Only nodes of the machine file count."""
     run = bench.carry
     boot = Frame(run.events[0].t_us, 0x700 + 99, b"\0")
-    same(spoiled(bench, run, [boot, *run.events], 1.0)[1], run.good[:100])
+    same(spoiled(bench, run, [boot, *run.events], 1.0).estimates, run.good[:100])
 
 
 @pytest.mark.parametrize("signal", ["boom_head_pressure", "bucket_angle", "pitch", "slew_rate"])
@@ -287,7 +297,7 @@ def test_one_missing_frame_holds_for_one_tick(bench, signal):
     """One PDO is lost: HOLD, SIGNAL_STALE at one tick, with the values of the tick before; no restart."""
     run, pdo = bench.carry, pdo_of(bench.service, signal)
     fewer = with_pdo(run.events, pdo, lambda f: None, FAULT, FAULT + 0.01)
-    _, estimates, _ = spoiled(bench, run, fewer, 1.0)
+    estimates = spoiled(bench, run, fewer, 1.0).estimates
     held = [k for k, e in enumerate(estimates) if e.gross.status is not Status.OK]
     assert [(estimates[k].gross.status, estimates[k].gross.reason) for k in held] == [
         (Status.HOLD, Reason.SIGNAL_STALE)
@@ -304,7 +314,7 @@ def test_a_silent_node(bench, signal):
     more, at first with a larger standard error. The weight found then is the true one."""
     run, pdo = bench.carry, pdo_of(bench.service, signal)
     silent = with_pdo(run.events, pdo, lambda f: None, FAULT, FAULT + 1.5)
-    _, estimates, _ = spoiled(bench, run, silent, 4.5)
+    estimates = spoiled(bench, run, silent, 4.5).estimates
     held = [seconds(e) for e in estimates if e.gross.status is Status.HOLD]
     assert 0.15 < max(held) - FAULT <= HOLD_S
     lost_with(estimates, Reason.SIGNAL_STALE, FAULT + HOLD_S + 0.01, FAULT + 1.58)
@@ -333,7 +343,7 @@ def absent(bench, signal, change, reason, until=3.0):
     reason."""
     run, pdo = bench.carry, pdo_of(bench.service, signal)
     events = with_pdo(run.events, pdo, change(pdo, signal), FAULT, FAULT + 0.5)
-    _, estimates, _ = spoiled(bench, run, events, until)
+    estimates = spoiled(bench, run, events, until).estimates
     assert states(estimates)[1] == ("HOLD", reason.name)
     lost_with(estimates, reason, FAULT + HOLD_S + 0.02, FAULT + 0.5)
     true_weight(bench, estimates)
@@ -409,7 +419,7 @@ def test_an_angle_that_leaps_once(bench, signal, size):
     """One sample is further off than any joint can turn: rejected, held for one tick, IMPLAUSIBLE_JUMP."""
     run = bench.carry
     events = with_value(run.events, bench.service, signal, lambda t, v: v + size, FAULT, FAULT + 0.01)
-    _, estimates, _ = spoiled(bench, run, events, 1.0)
+    estimates = spoiled(bench, run, events, 1.0).estimates
     held = [e.gross for e in estimates if e.gross.status is not Status.OK]
     assert [(q.status, q.reason) for q in held] == [(Status.HOLD, Reason.IMPLAUSIBLE_JUMP)]
     true_weight(bench, estimates)
@@ -419,7 +429,7 @@ def test_an_angle_that_leaps_and_stays(bench):
     """A step that stays is not believed for a second: INVALID, IMPLAUSIBLE_JUMP; when it goes back all is well."""
     run = bench.carry
     events = with_value(run.events, bench.service, "stick_angle", lambda t, v: v + 0.2, FAULT, FAULT + 0.9)
-    _, estimates, _ = spoiled(bench, run, events, 4.0)
+    estimates = spoiled(bench, run, events, 4.0).estimates
     lost_with(estimates, Reason.IMPLAUSIBLE_JUMP, FAULT + HOLD_S + 0.02, FAULT + 0.9)
     assert force_back(estimates, FAULT + 0.9) < 0.9
     true_weight(bench, estimates)
@@ -432,7 +442,8 @@ def test_an_angle_that_leaps_is_not_believed_until_it_leaps_back(bench, back):
     events = with_value(run.events, bench.service, "stick_angle", lambda t, v: v + 0.1, FAULT, FAULT + 1.5)
     if not back:
         events = with_value(run.events, bench.service, "stick_angle", lambda t, v: v + 0.1, FAULT, 1e9)
-    state, estimates, _ = spoiled(bench, run, events, 8.0)
+    found = spoiled(bench, run, events, 8.0)
+    state, estimates = found.state, found.estimates
     lost_with(estimates, Reason.IMPLAUSIBLE_JUMP, FAULT + HOLD_S + 0.02, FAULT + 0.9)
     shown = [e for e in estimates if seconds(e) > FAULT + 4.5]
     assert shown
@@ -452,7 +463,7 @@ def test_a_frozen_signal(bench, signal):
         return kept[0]
 
     events = with_value(run.events, bench.service, signal, frozen, FAULT + 0.5, FAULT + 5.0)
-    _, estimates, _ = spoiled(bench, run, events, 6.0)
+    estimates = spoiled(bench, run, events, 6.0).estimates
     lost_with(estimates, Reason.FROZEN, FAULT + 0.5 + 2.5 + HOLD_S, FAULT + 5.0)
     first = next(seconds(e) for e in estimates if e.force.magnitude.reason is Reason.FROZEN)
     assert 1.0 <= first - FAULT - 0.5 <= 2.5  # a joint pauses for 0.2 s between strokes, and starts gently
@@ -569,7 +580,7 @@ def test_the_clock_leaps(bench, leap_s):
     (TIME_JUMP, or SIGNAL_STALE when all signals are then too old), then the filters settle, then good again."""
     run = bench.carry
     moved = [e._replace(t_us=e.t_us + round(1e6 * leap_s)) if seconds(e) >= FAULT + 1.0 else e for e in run.events]
-    _, estimates, _ = spoiled(bench, run, moved)
+    estimates = spoiled(bench, run, moved).estimates
     k = round(100 * 1.0)
     assert estimates[k].gross.status is Status.INVALID
     assert estimates[k].gross.reason in (Reason.TIME_JUMP, Reason.SIGNAL_STALE)
@@ -588,7 +599,7 @@ def test_the_clock_of_the_ticks_leaps(bench, leap_s):
         e._replace(t_us=e.t_us + round(1e6 * leap_s)) if isinstance(e, Tick) and seconds(e) >= FAULT + 1.0 else e
         for e in run.events
     ]
-    _, estimates, _ = spoiled(bench, run, moved)
+    estimates = spoiled(bench, run, moved).estimates
     for e in estimates[100:]:
         assert {(q.status, q.reason) for q in quantities(e)} == {(Status.INVALID, Reason.SIGNAL_STALE)}
 
@@ -605,7 +616,7 @@ def test_a_few_skipped_ticks_are_bridged(bench, missed):
     the weight changes by less than a kilogram."""
     run = bench.carry
     fewer = without_ticks(run.events, missed)
-    _, estimates, _ = spoiled(bench, run, fewer)
+    estimates = spoiled(bench, run, fewer).estimates
     assert len(estimates) == len(run.good) - missed
     assert states(estimates) == states(estimates, "force") == [("OK", "NONE")]
     assert abs(estimates[-1].gross.value - run.good[-1].gross.value) < 1.0
@@ -617,7 +628,7 @@ def test_many_skipped_ticks_start_anew(bench, missed):
     """More than 100 ms without a tick: INVALID, TIME_JUMP at the first tick after, then the filters settle."""
     run = bench.carry
     fewer = without_ticks(run.events, missed)
-    _, estimates, _ = spoiled(bench, run, fewer)
+    estimates = spoiled(bench, run, fewer).estimates
     assert states(estimates)[:3] == [("OK", "NONE"), ("INVALID", "TIME_JUMP"), ("INVALID", "STARTING")]
     assert force_back(estimates, FAULT + 1.0 + missed / 100) < 0.6
     true_weight(bench, estimates)
@@ -627,11 +638,11 @@ def test_a_tick_twice_and_ticks_with_jitter(bench):
     """Ticks off their place by less than half a period are ticks; the same tick twice is a leap of the clock."""
     run, rng = bench.carry, np.random.default_rng(1)
     shaken = [e._replace(t_us=e.t_us + int(rng.uniform(-2400, 2400))) if isinstance(e, Tick) else e for e in run.events]
-    _, estimates, _ = spoiled(bench, run, shaken)
+    estimates = spoiled(bench, run, shaken).estimates
     assert states(estimates) == [("OK", "NONE")]
     true_weight(bench, estimates)
     k = next(k for k, e in enumerate(run.events) if isinstance(e, Tick))
-    _, estimates, _ = spoiled(bench, run, [*run.events[: k + 1], run.events[k], *run.events[k + 1 : 1200]])
+    estimates = spoiled(bench, run, [*run.events[: k + 1], run.events[k], *run.events[k + 1 : 1200]]).estimates
     assert states(estimates)[:2] == [("OK", "NONE"), ("INVALID", "TIME_JUMP")]
 
 
@@ -645,7 +656,7 @@ def test_a_node_reboots(bench, signal):
     run, at = bench.carry, FAULT + 1.0
     k = next(k for k, e in enumerate(run.events) if seconds(e) >= at)
     boot = Frame(run.events[k].t_us, 0x700 + bench.node(signal), b"\0")
-    _, estimates, _ = spoiled(bench, run, [*run.events[:k], boot, *run.events[k:]], 4.0)
+    estimates = spoiled(bench, run, [*run.events[:k], boot, *run.events[k:]], 4.0).estimates
     lost_with(estimates, Reason.NOT_OPERATIONAL, at, at + 0.095)
     assert 0.6 < force_back(estimates, at) < 0.8
     true_weight(bench, estimates)
@@ -655,7 +666,7 @@ def test_a_node_that_reboots_and_stays_silent(bench):
     """After the boot-up message no PDO comes: NOT_OPERATIONAL to the end, without a moment of HOLD."""
     run, pdo = bench.carry, pdo_of(bench.service, "boom_angle")
     silent = with_pdo(run.events, pdo, lambda f: None)
-    _, estimates, _ = spoiled(bench, run, [Frame(silent[0].t_us, 0x700 + pdo.node_id, b"\0"), *silent], 2.0)
+    estimates = spoiled(bench, run, [Frame(silent[0].t_us, 0x700 + pdo.node_id, b"\0"), *silent], 2.0).estimates
     lost_with(estimates, Reason.NOT_OPERATIONAL, FAULT, np.inf)
 
 
@@ -668,7 +679,7 @@ def test_the_machine_tilts(bench, signal):
         return value + np.radians(18.0) * np.sin(np.pi * (t - FAULT) / 4.0) ** 2
 
     events = with_value(run.events, bench.service, signal, lean, FAULT, FAULT + 4.0)
-    _, estimates, _ = spoiled(bench, run, events)
+    estimates = spoiled(bench, run, events).estimates
     lost_with(estimates, Reason.TILT, FAULT + 1.8, FAULT + 2.2)
     assert when(estimates, FAULT + 3.5).gross.reason is not Reason.TILT
     assert estimates[-1].force.magnitude.status is Status.OK

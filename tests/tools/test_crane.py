@@ -2,30 +2,17 @@
 
 The marks are those of the recordings' own README; what each figure is, tools/crane/measure.py says."""
 
-import json
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-TOOLS = Path(__file__).resolve().parents[2] / "tools"
+from crane_figures import figures_of, measure
+
 RATED_KG = 1000.0
 TWO_JOINTS = ("Dual1SineRun", "Dual2SineTest", "Dual2SineTestFlowShare")
 
 
-def measure(folder, output):
-    command = [sys.executable, "-m", "crane.figures", folder, "--json", output]
-    return subprocess.run(command, cwd=TOOLS, capture_output=True, text=True, check=False)
-
-
 @pytest.fixture(scope="module")
 def figures(shared, tmp_path_factory):
-    output = tmp_path_factory.mktemp("crane") / "figures.json"
-    done = measure(shared / "data" / "hmf_crane", output)
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
-    return json.loads(output.read_text())
+    return figures_of("crane.figures", shared, tmp_path_factory.mktemp("crane"))
 
 
 @pytest.mark.parametrize(("joint", "reach_n_m"), [("boom", 320.0), ("jib", 400.0)])
@@ -74,7 +61,7 @@ def test_a_joint_that_rests_on_its_friction_is_never_ok(figures, run):
 
 
 def test_a_folder_without_recordings_is_refused_with_a_sentence(tmp_path):
-    done = measure(tmp_path, tmp_path / "figures.json")
+    done = measure("crane.figures", tmp_path, tmp_path / "figures.json")
     assert done.returncode == 2
     assert done.stderr.startswith("crane_figures: ")
     assert "model_parameters.json" in done.stderr

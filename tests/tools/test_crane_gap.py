@@ -1,14 +1,10 @@
 """A real crane against its data sheet: what is named, how far that holds on runs that were not seen, and clocks that
 part. (What is measured, and how: tools/crane/gaps.py.)"""
 
-import json
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-TOOLS = Path(__file__).resolve().parents[2] / "tools"
+from crane_figures import figures_of, measure
+
 SLIPPED = ("boom_head_pressure", "jib_head_pressure", "jib_rod_pressure")
 ONE_RUN = pytest.mark.xfail(
     strict=True,
@@ -21,18 +17,9 @@ RUNS = ("JibSineTest", "Dual1SineRun", "Dual2SineTest", "Dual2SineTestFlowShare"
 TRAPS = ("clocks drift apart, four runs", "clocks drift apart, Dual1SineRun")
 
 
-def measure(folder, output):
-    command = [sys.executable, "-m", "crane.gaps", folder, "--quick", "--json", output]
-    return subprocess.run(command, cwd=TOOLS, capture_output=True, text=True, check=False)
-
-
 @pytest.fixture(scope="module")
 def figures(shared, tmp_path_factory):
-    output = tmp_path_factory.mktemp("crane") / "gaps.json"
-    done = measure(shared / "data" / "hmf_crane", output)
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
-    return json.loads(output.read_text())
+    return figures_of("crane.gaps", shared, tmp_path_factory.mktemp("crane"), "--quick")
 
 
 def parameters_of(figures, asked):
@@ -113,6 +100,6 @@ def test_the_lag_that_is_told_is_the_one_that_was_made(figures, trap):
 
 
 def test_a_folder_without_recordings_is_refused_with_a_sentence(tmp_path):
-    done = measure(tmp_path, tmp_path / "gaps.json")
+    done = measure("crane.gaps", tmp_path, tmp_path / "gaps.json", "--quick")
     assert done.returncode == 2
     assert done.stderr.startswith("crane_gap: ")

@@ -40,9 +40,9 @@ HIDDEN = (  # name, place, size in SI units: about the middle of what is plausib
 
 @dataclass(frozen=True)
 class Answer:
-    """What was hidden and answered.
+    """Answer of the diagnosis, with the effect that was hidden.
 
-    hidden:   name and place of the effect; empty if there is none
+    hidden:   name and place of the hidden effect; two empty texts if there is none
     verdict:  of the diagnosis
     refit:    share of the gap that the parameters remove; 0 where they are not named
     effects:  named effects (name, place)

@@ -22,17 +22,6 @@ from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, C
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 from cylforce.signals.estimate import Array
 
-# Effects that change what the model's parameters describe: masses, and friction while moving.
-OF_PARAMETERS = (
-    "extra_mass",
-    "first_moment_change",
-    "mud",
-    "coulomb_friction",
-    "viscous_friction",
-    "load_dependent_friction",
-    "asymmetric_friction",
-    "friction_level_change",
-)
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
@@ -388,7 +377,7 @@ class FreeEvidence:
         strength = min(known.strength, self.strength)
         name = float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / known.names))  # of other parameters
         simulated = known.found.question.machine.source is KnowledgeSource.SIMULATION
-        own = [c for c in known.candidates if not (simulated and any(effect in OF_PARAMETERS for effect, _ in c.keys))]
+        own = [c for c in known.candidates if not (simulated and c.changes_parameters)]
         as_known = [strength * c.log + known.prior_of(c) for c in own]
         as_known += [strength * i.log + known.prior_of_incident(i) for i in known.incidents]
         return name + float(np.max(strength * self.logs + self.priors)) > max(as_known)

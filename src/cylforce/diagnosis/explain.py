@@ -338,7 +338,7 @@ class Simulation:
 
     @cached_property
     def _corrected(self) -> FieldQuestion:
-        """The recordings corrected for the effects of the hypothesis, with their rows."""
+        """Question of the hypothesis, of its own: the corrected rows that it computes are freed with the simulation."""
         return (self.candidate.question if self.candidate else self.question).without_rows()
 
     def _residuals(self, causes: Sequence[Cause], kept: Mask | None) -> list[Array]:

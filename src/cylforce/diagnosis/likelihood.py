@@ -143,7 +143,7 @@ class ResidualNoise:
         return np.asarray(own / np.maximum(self.white**2, noise_energy)[:, None])
 
     def log_prior(self, usual: "ResidualNoise") -> float:
-        """Return the log of the prior density of the noise of all joints times the prior probability of the conditions.
+        """Return the log prior of the noise of all joints and of the conditions.
 
         usual: noise of a healthy machine
         """

@@ -676,9 +676,9 @@ def _grown(
 
 
 def _without_effects(case: Likelihood) -> tuple[list[Hypothesis], list[Hypothesis]]:
-    """Return hypotheses of a healthy machine: those under the usual conditions, and one at another temperature.
+    """Return the hypotheses of a healthy machine under the usual conditions, and the likeliest at another temperature.
 
-    The latter is the most probable temperature; the second list is empty if none is tried.
+    The second list is empty if no other temperature is tried.
     """
     each = [case.hypothesis((), replace(case.machine.noise, conditions=c)) for c in case.machine.conditions]
     usual = [h for h in each if h.noise.conditions.temperature is None]
@@ -1065,6 +1065,11 @@ class Candidate:
         return self.incident is None and not bending <= set(self.question.applied)
 
     @property
+    def changes_parameters(self) -> bool:
+        """Whether one of its effects changes what the model's parameters describe: masses or friction."""
+        return any(self.question.proposals[p].of_parameters for p in self.hypothesis.forms)
+
+    @property
     def keys(self) -> frozenset[Key]:
         """Names and locations of its effects; all free torques are one."""
         return frozenset(self.key(p) for p in self.hypothesis.forms)
@@ -1318,10 +1323,10 @@ def _without_repetition(candidates: Sequence[Candidate]) -> list[Candidate]:
     """
     best: dict[object, Candidate] = {}
     for c in sorted(candidates, key=lambda c: c.log):
-        forms = tuple((*c.question.forms[p].key, repr(c.question.proposals[p].group)) for p in c.hypothesis.forms)
+        effects = frozenset(c.question.proposals[p] for p in c.hypothesis.forms)
         beside = c.incident.key if c.incident else c.beside_contact
-        best[tuple(sorted(forms)), beside, c.hypothesis.noise.conditions.temperature] = c
-    return [c for c in candidates if any(c is kept for kept in best.values())]
+        best[effects, beside, c.hypothesis.noise.conditions.temperature] = c
+    return list(best.values())
 
 
 def refined(candidate: Candidate) -> Candidate:

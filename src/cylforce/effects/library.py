@@ -112,6 +112,16 @@ LIBRARY: tuple[Group, ...] = (
 )
 
 
+# Effects on friction that a model's friction parameters describe as well.
+FRICTION_OF_PARAMETERS = (
+    CoulombFriction,
+    ViscousFriction,
+    LoadDependentFriction,
+    AsymmetricFriction,
+    FrictionLevelChange,
+)
+
+
 class Proposal(NamedTuple):
     """Group of effects at a location.
 
@@ -158,6 +168,11 @@ class Proposal(NamedTuple):
     def weighs(self) -> bool:
         """True where it is a mass that differs from the data sheet."""
         return isinstance(self.group[0], MassChange)
+
+    @property
+    def of_parameters(self) -> bool:
+        """True where it changes what the model's parameters describe: masses, or friction of a moving cylinder."""
+        return self.weighs or isinstance(self.group[0], FRICTION_OF_PARAMETERS)
 
     @property
     def bends(self) -> bool:

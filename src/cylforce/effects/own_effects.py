@@ -14,7 +14,6 @@ import numpy as np
 
 from cylforce.effects.fault import (
     INCIDENTAL,
-    TORQUES,
     About,
     Alteration,
     BaseMotion,
@@ -168,10 +167,9 @@ def _check_arguments(name: str, method: Callable[..., Any], wanted: tuple[str, .
 
 def _check_incident(effect: Incident) -> None:
     """Raise ValueError unless an incident changes columns of `INCIDENTAL` in a `TimeCourse`."""
-    known = (*INCIDENTAL, *TORQUES)
-    wrong = [column for column in effect.columns if column not in known]
+    wrong = [column for column in effect.columns if column not in INCIDENTAL]
     if wrong or not effect.columns:
-        raise ValueError(f"changes the columns {effect.columns!r}: choose among {', '.join(known)}")
+        raise ValueError(f"changes the columns {effect.columns!r}: choose among {', '.join(INCIDENTAL)}")
     if not isinstance(effect.course, TimeCourse):
         raise ValueError(f"its course is {effect.course!r}: choose a TimeCourse, such as TimeCourse.AFTER")
 

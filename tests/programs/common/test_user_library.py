@@ -16,7 +16,7 @@ EXCAVATOR = Path(__file__).resolve().parents[3] / "config/excavator_20t.toml"
 MACHINE = load(EXCAVATOR).service.machine
 HEAD = """from dataclasses import dataclass
 import numpy as np
-from cylforce.effects.fault import About, Place, ShapeRange
+from cylforce.effects.fault import TORQUES, About, Place, ShapeRange, TimeCourse
 """
 SQUEAK = '''
 @dataclass(frozen=True)
@@ -56,6 +56,19 @@ class Ripple:
 
 
 LIBRARY = ((Ripple(), Ripple(across=True)),)
+'''
+
+SHOVE = '''
+@dataclass(frozen=True)
+class Shove:
+    """A torque at one joint, for some seconds."""
+
+    columns = TORQUES
+    course = TimeCourse.WINDOWS
+
+    @property
+    def about(self):
+        return About("shove", "N m", 100.0, 1e5, Place.LINK, "now and then", "look")
 '''
 
 
@@ -133,6 +146,7 @@ def test_without_the_library_the_name_is_unknown(tmp_path):
         (SQUEAK.replace("np.tanh(speed / 0.002)", "np.log(-np.abs(speed))"), r"not finite at boom on a test motion"),
         (SQUEAK.replace("self.sharp\n", "self.sharp[0]\n"), r"fails at boom on a test motion \(TypeError"),
         (SQUEAK.replace("return np.tanh", "return np.ones(3) + 0 * np.tanh(1.0) #"), r"shape \(3,\) at boom: make it"),
+        (SHOVE, r"Shove: changes the columns \('torque.0'.*: choose among "),
         (PAIR.replace("values.copy()", "values"), r"Ripple: .*it changes the values that it is given"),
     ],
 )

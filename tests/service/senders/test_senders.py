@@ -2,6 +2,7 @@
 by somebody else."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -89,18 +90,34 @@ def test_a_clock_that_leaps_is_no_second_producer():
         assert paced(times)[1] == []
 
 
+class Kept(NamedTuple):
+    """State of the service before an event, with the event's number."""
+
+    event: int
+    state: WeighingService
+
+
+class Work(NamedTuple):
+    """The service, one cycle's events, the masses dug, and the state at every tenth of a second, by its number."""
+
+    core: Core
+    events: list
+    masses: list
+    states: dict[int, Kept]
+
+
 @pytest.fixture(scope="module")
 def work():
-    """The service, one cycle's events, the mass dug, and the state at every tenth second: (number of event, state)."""
+    """The service while it works."""
     loaded = load(EXCAVATOR)
     core = Core(loaded.service, identified(loaded))
     events, masses = cycles(loaded, count=1)
     state, states = WeighingService.start(core), {}
     for k, event in enumerate(events):
         if isinstance(event, Tick) and round(100 * seconds(event)) % 10 == 0:
-            states[round(10 * seconds(event))] = k, state.copied()
+            states[round(10 * seconds(event))] = Kept(k, state.copied())
         fed(state, event)
-    return core, events, masses, states
+    return Work(core, events, masses, states)
 
 
 def mixed(events, alien):
@@ -124,9 +141,9 @@ def aliens(core, events, signal, rate, begin, share):
 
 @pytest.mark.parametrize("rate", [5.0, 20.0])
 def test_a_second_producer_makes_its_signal_unusable_and_books_nothing_wrong(work, rate):
-    core, events, masses, states = work
+    core, events, states = work.core, work.events, work.states
     begin = 4.0
-    at, state = states[round(10 * begin)][0], states[round(10 * begin)][1].copied()
+    at, state = states[round(10 * begin)].event, states[round(10 * begin)].state.copied()
     alien = aliens(core, events, "boom_head_pressure", rate, begin, 0.8)
     shown, bookings = [], []
     for event in mixed(events[at:], alien):
@@ -141,14 +158,14 @@ def test_a_second_producer_makes_its_signal_unusable_and_books_nothing_wrong(wor
     between = [e for t, e in shown if noticed <= t < end]
     assert {e.gross.status for e in between} == {Status.INVALID}
     assert {e.force.magnitude.status for e in between} == {Status.INVALID}
-    assert all(abs(b.mass - masses[0]) < 3.0 * b.standard_error for b in bookings)
+    assert all(abs(b.mass - work.masses[0]) < 3.0 * b.standard_error for b in bookings)
 
 
 def test_a_heartbeat_that_stops_while_its_pdos_go_on_ends_the_measurement_until_it_is_back(work):
-    core, events, _, states = work
+    core, events, states = work.core, work.events, work.states
     node = core.service.nodes[0]
     begin, back = 4.0, 9.0
-    at, state = states[round(10 * begin)][0], states[round(10 * begin)][1].copied()
+    at, state = states[round(10 * begin)].event, states[round(10 * begin)].state.copied()
     reasons = []
     for event in events[at:]:
         beat = isinstance(event, Frame) and event.can_id == 0x700 + node.node_id
@@ -164,8 +181,8 @@ def test_a_heartbeat_that_stops_while_its_pdos_go_on_ends_the_measurement_until_
 
 
 def test_a_node_that_says_it_is_not_operational_is_not_believed(work):
-    core, _, _, states = work
-    state = states[40][1].copied()
+    core = work.core
+    state = work.states[40].state.copied()
     node = core.service.nodes[0]
     t = state.estimate.t_us
     carried = {k for pdo in node.pdos for k, s in enumerate(core.service.machine.signals) if s.name in names(pdo)}
@@ -216,10 +233,10 @@ def names(pdo):
 
 
 def test_our_own_identifier_from_somebody_else_degrades_for_two_seconds(work):
-    core, events, _, states = work
+    core, events, states = work.core, work.events, work.states
     ours = core.service.publication[0].can_id
     ok = next(k for k, (_, s) in sorted(states.items()) if s.estimate.gross.status is Status.OK)
-    at, state = states[ok][0], states[ok][1].copied()
+    at, state = states[ok].event, states[ok].state.copied()
     fed(state, Frame(state.estimate.t_us, ours, bytes(8)))
     begin, reasons = state.estimate.t_us, []
     for event in events[at : at + 4000]:
@@ -251,8 +268,7 @@ def test_requests_to_us_are_nobody_elses():
 
 def test_frames_do_not_pile_up_without_ticks(work):
     """A flood between two ticks: the state stays as large as it was, and every frame is judged."""
-    _, _, _, states = work
-    state = states[40][1].copied()
+    state = work.states[40].state.copied()
     state.receive()
     counted = state.inputs.counters.unknown
     for k in range(1000):

@@ -1,7 +1,7 @@
 """Drift of friction and pressure zeros, updated at each instant with an empty bucket.
 
-It is what `service.adaptation` does with `recursive.forget` and `recursive.update`, in plain numbers. `KernelDrift`
-holds the constants of one machine.
+The computation is that of `estimation.recursive` (`forget`, `update`), in plain numbers; `service.adaptation` calls
+it. `KernelDrift` holds the constants of one machine.
 
 Sizes: R rows (measured torques), K columns of all effects, D drifting frictions and pressure zeros, N = 5 + D unknowns:
 deviation of this return's load from the usual one (4), the usual carry-back [kg] (1), the drift (D).
