@@ -42,7 +42,7 @@ FILES = {  # functions of a file that the service calls
         "mass_slopes",
     ),
     "drifting.py": ("rows_for_drift", "update_drift"),
-    "pressures.py": ("may_step", "certain_steps", "add_group", "compare_groups", "update_noise"),
+    "pressures.py": ("may_step", "possible_steps", "add_group", "compare_groups", "update_noise"),
 }
 
 

@@ -77,7 +77,7 @@ INTERPRETED: Any = SimpleNamespace(
             recognised.turn_force,
             recognised.mass_slopes,
             pressures.may_step,
-            pressures.certain_steps,
+            pressures.possible_steps,
             pressures.add_group,
             pressures.compare_groups,
             pressures.update_noise,

@@ -289,7 +289,7 @@ class Kernel(Protocol):
 
     # pressures.py
     def may_step(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
-    def certain_steps(
+    def possible_steps(
         self,
         p: int,
         readings: Flat,
@@ -308,12 +308,12 @@ class Kernel(Protocol):
         misfit: Flat,
         /,
     ) -> int:
-        """Return whether readings show a step: 1 of one of `p` pressures, 2 by a swap of plugs, 3 either, 0 none.
+        """Return whether a step is possible: 1 of one of `p` pressures, 2 by a swap of plugs, 3 either, 0 none.
 
         `bends` smooth `curves` through `size` readings [Pa], with a step after `before` of them and without, are
         compared by their likelihood: `noise` is the sensors' variance [Pa^2], `free` and `known` are degrees of
         freedom. The log likelihood ratio must exceed `least`. `pairs` lists `swaps` swaps of at most `most` pairs.
-        `products` and `misfit` are written. Shapes and units: `pressures.certain_steps`."""
+        `products` and `misfit` are written. Shapes and units: `pressures.possible_steps`."""
 
     def add_group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
     def compare_groups(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...

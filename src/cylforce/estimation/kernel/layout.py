@@ -29,10 +29,11 @@ from cylforce.signals.estimate import Array
 class Sizes:
     """Numbers of a machine's parts.
 
-    channels:  D, joint angles, cylinder forces, motion of the base
-    rows:      R, measured torques
-    columns:   K, of all effects
-    cylinders: C
+    channels:  D, number of channels: joint angles, cylinder forces, motion of the base
+    rows:      R, number of measured torques
+    columns:   K, number of columns of the model (`Model.filtered`): parameters of the empty machine, force and moment
+               at the tool, friction at rest, pressure zeros
+    cylinders: C, number of cylinders
     """
 
     channels: int
@@ -47,7 +48,7 @@ def part(numbers: Numbers, place: slice) -> Array:
 
 
 class FilterLayout:
-    """Places in the state of the filters (`rows.state_size`).
+    """Places in the state of the filters (`rows.state_size`), for D channels, R rows and K columns.
 
     raw:     (D,) last channels
     smooth:  (3, D) the last three outputs of their low-pass, oldest first
@@ -69,27 +70,27 @@ class FilterLayout:
 
 
 class RowLayout:
-    """Places in the rows of a step (`rows.rows_size`).
+    """Places in the rows of a step (`rows.rows_size`), one flat array in which these parts follow one another.
 
-    slow_columns: (R, K) columns for the weighing
-    slow_torque:  (R,) torques for the weighing [N m]
+    A machine has R rows (measured torques), K columns and C cylinders (`Sizes`). A column is the torque [N m] per unit
+    of its parameter, so that torque = columns @ parameters.
+
+    shape:        (R, K) of each of the three parts that hold columns
+    slow_columns: (R, K) columns with the filters of the weighing
+    slow_torque:  (R,) torques with the filters of the weighing [N m]
     columns:      (R, K) columns of the instant, for the force
     torque:       (R,) torques of the instant [N m]
-    change:       (R, K) time derivative of the columns of inertia [1/s]
-    reversing:    (C,) 1 where a cylinder is about to reverse
+    change:       (R, K) time derivative of the columns of inertia, of the instant [1/s]
+    reversing:    (C,) 1 where a cylinder is about to reverse, else 0
     levers:       (C, R) lever of each cylinder about the joint of each row [m/rad]
-    place:        x, z of the tool from the first pin [m]
-    velocity:     of the tool, x, z [m/s]
-    usable:       (R,) 1 where a row can be used
-    speed:        (C,) of the cylinders [m/s], extending positive
+    place:        (2,) place x, z of the tool from the first pin [m]
+    velocity:     (2,) velocity x, z of the tool [m/s]
+    usable:       (R,) 1 where a row can be used, else 0
+    speed:        (C,) speed of each cylinder [m/s], extending positive
     """
 
     def __init__(self, sizes: Sizes) -> None:
-        """Compute the places of the parts in the rows of a step, for a machine of these sizes.
-
-        The parts follow one another: columns (R, K) and torques (R,) for the weighing; columns and torques of the
-        instant, for the force; time derivative (R, K) of the columns; reversing cylinders (C,) and their levers (C, R);
-        place and velocity (2,) of the tool; usable rows (R,); speed (C,) of the cylinders."""
+        """Compute the places, as slices of the flat array, for a machine of these sizes."""
         r, k, c = sizes.rows, sizes.columns, sizes.cylinders
         self.shape = (r, k)
         ends = np.cumsum([0, r * k, r, r * k, r, r * k, c, c * r, 2, 2, r, c]).tolist()

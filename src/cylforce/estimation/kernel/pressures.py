@@ -43,7 +43,7 @@ def may_step(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Coun
     return 0
 
 
-def certain_steps(
+def possible_steps(
     p: Count,
     readings: Numbers,
     size: Count,
@@ -62,6 +62,9 @@ def certain_steps(
 ) -> Count:
     """Return whether a step can exceed the `least` log likelihood ratio: 1 of one pressure, 2 by a swap of plugs,
     3 either, 0 none.
+
+    It is a fast test before the exact one, which also measures the noise of earlier readings: more noise makes the
+    ratio of one pressure smaller only.
 
     The readings of a pressure around the step are fitted by smooth curves, with and without a step. In the ratio the
     noise before the step counts as known, or not; the larger ratio counts. In a swap, the readings of one pressure
@@ -88,7 +91,7 @@ def certain_steps(
     misfit:    (2, P) minus the log likelihood [nats] of the residual without and with the step, with a variance of its
                own, but at least the noise
     """
-    sure, step = 0, bends  # `step`: number of the last curve
+    found, step = 0, bends  # `step`: number of the last curve
     for i in range(p):
         for half in range(2):
             project(p, readings, half * before, before if half == 0 else size, i, curves, bends + 1, products)
@@ -98,7 +101,7 @@ def certain_steps(
         misfit[i], misfit[p + i] = unlikely(squares, noise[i], free, 0.0), unlikely(stepped, noise[i], free, 0.0)
         by = unlikely(squares, noise[i], free, known) - unlikely(stepped, noise[i], free, known)
         if max(by, misfit[i] - misfit[p + i]) > least:
-            sure = 1
+            found = 1
     for x in range(swaps):
         total = 0.0
         for m in range(most):
@@ -109,8 +112,8 @@ def certain_steps(
                 second = misfit[b] - unlikely(crossed(products, bends, b, a), largest, free, 0.0)
                 total += 2.0 * min(first, second)
         if total > least:
-            return sure + 2
-    return sure
+            return found + 2
+    return found
 
 
 @inner

@@ -72,9 +72,8 @@ class StepTest:
     pairs:      pairs of all swaps one after the other, as the kernel takes them; -1 where a swap has fewer
     most_pairs: largest number of pairs of a swap
     every:      steps between two readings, so many that the slowest signal is sent anew for each reading
-    least:      log likelihood ratio from which on a step is suspected; infinite for a machine without pressures
-    gate:       (P,) change between two readings below which nothing is tested: half of the least step that could be
-                suspected, which is that of two signals [Pa]
+    least:      log likelihood ratio [nats] above which a step is suspected; infinite for a machine without pressures
+    gate:       (P,) change between two readings below which nothing is tested, see `_gate` [Pa]
     curves:     (WINDOW, DEGREE+2) orthonormal polynomials up to DEGREE, then a step
     """
 
@@ -93,7 +92,7 @@ class StepTest:
         self.least = log(tests) if tests else inf
         self._noise = np.array([max(s.standard_error, RESOLVED) ** 2 for s in own])  # variance (P,) [Pa^2]
         self.curves = _curves()
-        self._rise = float(self.curves[BEFORE:, -1].sum())  # of the orthonormal step
+        self._rise = float(self.curves[BEFORE:, -1].sum())  # product of a step of 1 with the orthonormal step
         widths = np.log(np.array([s.high - s.low for s in own]) / np.sqrt(2.0 * pi * self._noise))
         # Occam factors (P,) [nats], width of the prior over that of the posterior: a step may have any size within the
         # sensor's range, either way; all readings after a blow may have any value
@@ -105,28 +104,44 @@ class StepTest:
         self.pairs = counts(p for pairs in filled for pair in pairs for p in pair)
 
     def _gate(self) -> Numbers:
-        """Return the change (P,) [Pa] between two readings below which no step can be suspected."""
-        many = 2 * (FREE + KNOWN)
-        squares = min(FREE * (exp(self.least / FREE) - 1.0), 0.5 * many * (exp(4.0 * self.least / many) - 1.0))
-        return numbers(0.5 * (sqrt(squares) / abs(self._rise)) * np.sqrt(self._noise))
+        """Return the change (P,) [Pa] between two readings below which no step can be suspected.
+
+        A step of s sensor noises (standard deviations) adds (s rise)^2 to the sum of squares of the residual, in units
+        of the noise variance; `rise` is the product of a step of 1 with the orthonormal step. Let L = `least`.
+
+        A swap needs the ratio L / 2 of each of its two signals, without noise of earlier readings (`_misfit`):
+        FREE / 2 log(1 + (s rise)^2 / FREE) = L / 2. A step of one signal needs L, at best with a known noise
+        (Student's t, `_minus_log_likelihood`): n / 2 log(1 + (s rise)^2 / n) = L, with n = FREE + KNOWN.
+
+        The gate is half of the smaller s; chosen, as room for noise and motion that act against the step.
+        """
+        n = FREE + KNOWN
+        of_swap = FREE * (exp(self.least / FREE) - 1.0)
+        of_one = n * (exp(2.0 * self.least / n) - 1.0)
+        return numbers(0.5 * (sqrt(min(of_swap, of_one)) / abs(self._rise)) * np.sqrt(self._noise))
 
     def suspicion(self, readings: Array) -> SensorSuspicion:
-        """Return the suspicion of pressures that stepped, or were swapped, AFTER readings before the last one.
+        """Return the suspicion of pressures that stepped or were swapped just before the last AFTER readings.
 
-        readings: (T, P) [Pa]: the last AFTER of them, BEFORE before those; earlier ones, for the noise, if T = LONGEST
+        The kernel tests quickly whether a step or swap is possible; only then the exact tests follow, `_swapped` first.
+
+        readings: (T, P) [Pa], T at least WINDOW. A step is sought in the last WINDOW of them, between BEFORE and AFTER
+                  readings. If T = LONGEST, the earlier ones give the noise.
         """
         window = np.ascontiguousarray(readings[-WINDOW:])
-        size, bends = window.shape[1], DEGREE + 1
-        limits = (self.curves, bends, self._noise, float(FREE), float(KNOWN), self.least)
+        size, smooth = window.shape[1], DEGREE + 1  # P; number of curves without the step
+        limits = (self.curves, smooth, self._noise, float(FREE), float(KNOWN), self.least)
         swaps = (self.pairs, len(self.swaps), self.most_pairs)
-        room, misfit = ZERO * (2 * size * (bends + 2)), ZERO * (2 * size)
-        # bit 0: a step is certain, bit 1: a swap is
-        found = self.kernel.certain_steps(size, window, len(window), BEFORE, *limits, *swaps, room, misfit)
-        swapped = self._swapped(window, *np.frombuffer(misfit).reshape(2, size)) if found > 1 else ()
+        # written by the kernel: (P, 2, smooth + 2) products of readings and curves, which are not used here; (2, P)
+        # minus the log likelihoods [nats] of curves without and with a step
+        products, misfit = ZERO * (2 * size * (smooth + 2)), ZERO * (2 * size)
+        # bit 0: a step is possible, bit 1: a swap is
+        possible = self.kernel.possible_steps(size, window, len(window), BEFORE, *limits, *swaps, products, misfit)
+        swapped = self._swapped(window, *np.frombuffer(misfit).reshape(2, size)) if possible & 2 else ()
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
             return SensorSuspicion(Level.SUSPECTED, SensorFault.SWAPPED, signals)
-        return self._stepped(window, readings[:-WINDOW]) if found % 2 else NOTHING_SUSPECTED
+        return self._stepped(window, readings[:-WINDOW]) if possible & 1 else NOTHING_SUSPECTED
 
     def _stepped(self, window: Array, earlier: Array) -> SensorSuspicion:
         """Return the suspicion of the pressure that stepped alone; NOTHING_SUSPECTED if none did.
@@ -146,7 +161,7 @@ class StepTest:
         alone = -float(plain.sum() - plain[most] + stepped[most] + self._any_step[most])
         if plain[most] - stepped[most] <= self.least or alone <= self._blow(plain, stepped):
             return NOTHING_SUSPECTED
-        size = float(along[-1, most] / self._rise)
+        size = float(along[-1, most] / self._rise)  # [Pa]
         return SensorSuspicion(Level.SUSPECTED, SensorFault.STEPPED, (self.signals[most],), size)
 
     def _noise_before(self, earlier: Array) -> Array | None:
@@ -359,9 +374,11 @@ class PressureStep(Detector):
             self._suspect(SensorSuspicion(Level.SUSPECTED, SensorFault.BACK_IN_RANGE, out_of_range))
 
     def _forget_readings(self) -> None:
+        """Discard all readings with their receive times, so that the next reading begins a new series."""
         self.readings, self.before, self.arrivals, self.late = array("d"), array("d"), array("d"), 0
 
     def _suspect(self, suspicion: SensorSuspicion) -> None:
+        """Report a suspicion, or NOTHING_SUSPECTED, and begin the votes against it anew."""
         self.report, self.votes, self.seconds, self.in_air = suspicion, 0.0, 0, 0
 
     def on_step(self, features: Features) -> None:
