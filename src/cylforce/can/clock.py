@@ -34,7 +34,7 @@ class Timer:
     The first expiry is one period after construction. Raises ValueError if the period is not positive, OSError if the
     kernel provides no timer.
 
-    period_s: [s]
+    period_s: period [s]
     """
 
     def __init__(self, period_s: float) -> None:
@@ -52,7 +52,7 @@ class Timer:
         return self._fd
 
     def read(self) -> int:
-        """Return the number of expirations since the last call. More than 1 means that the reader was late."""
+        """Return the number of expirations since the last call; more than 1: the reader was late; 0: it was early."""
         try:
             expirations = int.from_bytes(os.read(self._fd, 8), "little")
         except BlockingIOError:

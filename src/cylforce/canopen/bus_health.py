@@ -21,14 +21,19 @@ WORDS = {
 
 
 class ErrorClass(IntFlag):
-    """Classes of SocketCAN's error frames (linux/can/error.h)."""
+    """Classes of SocketCAN's error frames (linux/can/error.h), as bits of their identifier.
+
+    CONTROLLER: state of the CAN controller; byte 1 of the data describes it
+    RESTARTED:  the controller was bus-off and takes part again. Bus-off itself (0x40) is not evaluated: until the
+                restart no emergency could be sent
+    """
 
     CONTROLLER = 0x4
-    BUS_OFF = 0x40
     RESTARTED = 0x100
 
 
-# Bits of byte 1 of an error frame: a queue is full (either way), error passive (either way), error active again.
+# Bits of byte 1 of an error frame of class CONTROLLER: a reception or transmission queue is full; too many errors on
+# reception or transmission (error passive); error active again.
 _OVERFLOW, _PASSIVE, _ACTIVE = 0x03, 0x30, 0x40
 
 
@@ -62,15 +67,18 @@ class BusHealth:
         """Report the fault in an error frame; ignore any other frame."""
         if not frame.can_id & ERROR:
             return
-        kinds = ErrorClass(frame.can_id & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF | ErrorClass.RESTARTED))
-        if ErrorClass.RESTARTED in kinds:
+        if frame.can_id & ErrorClass.RESTARTED:
             self._passive = False
             self._occurred(RECOVERED, frame.t_us)
-        if ErrorClass.CONTROLLER in kinds and len(frame.data) > 1:
+        if frame.can_id & ErrorClass.CONTROLLER and len(frame.data) > 1:
             self._controller(frame.data[1], frame.t_us)
 
     def _controller(self, bits: int, t_us: int) -> None:
-        """Report full queues and the state error passive from byte 1 of an error frame."""
+        """Report full queues and the state error passive, which lasts until the controller is error active again.
+
+        bits: byte 1 of an error frame of class CONTROLLER
+        t_us: time of the frame [us]
+        """
         if bits & _OVERFLOW:
             self._occurred(OVERRUN, t_us)
         self._passive = bool(bits & _PASSIVE) or (self._passive and not bits & _ACTIVE)
@@ -78,11 +86,15 @@ class BusHealth:
             self._occurred(PASSIVE, t_us)
 
     def doubled(self, node_id: int, t_us: int) -> None:
-        """Report that another node sends with an identifier of node `node_id`."""
+        """Report at the time `t_us` [us] that another node sends with an identifier of node `node_id`."""
         self._occurred(COLLISION, t_us, bytes([node_id]))
 
     def update(self, tally: Tally, t_us: int) -> None:
-        """Report faults by the totals that grew, and repair faults that did not occur for CLEAN_US."""
+        """Report faults by the totals that grew, and repair faults that did not occur for CLEAN_US.
+
+        tally: totals since the start
+        t_us: present time [us]
+        """
         if tally.reopened > self._tally.reopened:
             self._occurred(REOPENED, t_us)
         if tally.lost > self._tally.lost or tally.dropped > self._tally.dropped:
@@ -96,7 +108,12 @@ class BusHealth:
                 self._emergencies.repair(code)
 
     def _occurred(self, code: int, t_us: int, info: bytes = b"") -> None:
-        """Note the time of a fault and report it, unless it is present already."""
+        """Store the time of a fault, and report the fault unless it is present already.
+
+        code: EMCY code of the fault
+        t_us: time at which it occurred [us]
+        info: up to 5 bytes of information for the EMCY message
+        """
         self._last_us[code] = t_us
         if self._emergencies.occur(code, COMMUNICATION, info):
             self._report(WORDS[code])

@@ -6,7 +6,7 @@ from struct import Struct
 
 _EMCY = Struct("<HB5s")  # error code, error register, 5 bytes of information
 _GENERIC = 0x01  # bit of 1001h that is set with every error
-_ACTIVE = 64  # errors at a time; further ones are not stored, so that memory is limited; chosen
+_MOST = 64  # present errors, and messages that wait for the bus; a limit, so that memory is limited; chosen
 
 HISTORY = 8  # entries of 1003h
 
@@ -14,17 +14,16 @@ HISTORY = 8  # entries of 1003h
 class Emergencies:
     """The present and past errors of a node.
 
-    active: bit in the error register of each present error, by its code
-
-    send: sends the data of an EMCY message; returns False when the bus cannot take it now, then `flush` sends it
+    active: the present errors: EMCY code -> bit in the error register (1001h)
+    send: sends the 8 bytes of an EMCY message; returns False when the bus cannot take it now, then `flush` sends it
     store: writes a value (index, sub-index, value) into the object dictionary
     """
 
     def __init__(self, send: Callable[[bytes], bool], store: Callable[[int, int, int], None]) -> None:
         self._send, self._store = send, store
-        self._waiting: deque[bytes] = deque(maxlen=_ACTIVE)
+        self._waiting: deque[bytes] = deque(maxlen=_MOST)  # messages not yet sent, oldest first
         self.active: dict[int, int] = {}
-        self._history: list[int] = []
+        self._history: list[int] = []  # entries of 1003h, newest first: EMCY code, in bits 16 to 31 two bytes of `info`
 
     @property
     def register(self) -> int:
@@ -35,13 +34,13 @@ class Emergencies:
         return bits
 
     def occur(self, code: int, bit: int = 0, info: bytes = b"") -> bool:
-        """Report an error once until it is repaired; return False if it was present already.
+        """Report an error once until it is repaired; return False if it was present already, or _MOST others are.
 
         code: error code of CiA 301 or FFxxh
         bit: its bit in 1001h
         info: up to 5 bytes of information
         """
-        if code in self.active or len(self.active) >= _ACTIVE:
+        if code in self.active or len(self.active) >= _MOST:
             return False
         self.active[code] = bit
         self._history = [code | int.from_bytes(info[:2], "little") << 16, *self._history][:HISTORY]
@@ -58,8 +57,8 @@ class Emergencies:
         return True
 
     def flush(self) -> None:
-        """Send the messages that the bus could not take, in order; after a long time without bus only the last _ACTIVE
-        ones.
+        """Send the messages that the bus could not take, oldest first; after a long time without bus only the last
+        _MOST ones.
         """
         while self._waiting and self._send(self._waiting[0]):
             self._waiting.popleft()

@@ -28,8 +28,8 @@ class _Peer:
 class Heartbeats:
     """Monitors other nodes, each from its first message on (CiA 301).
 
-    on_peer: called at each boot-up (0), at each change of state (4, 5, 127), and when no heartbeat has come for longer
-        than the consumer time (None)
+    on_peer: called with node number and NMT state at each boot-up (0) and each change of state (4, 5, 127), and with
+        None when no heartbeat has come for longer than the consumer time
     silent: numbers of the nodes that were present and stopped sending
     """
 
@@ -52,7 +52,14 @@ class Heartbeats:
         return None if peer is None else peer.state
 
     def on_heartbeat(self, can_id: int, data: bytes | bytearray, t_us: int) -> None:
-        """Note a heartbeat, a frame with identifier 700h + node number; ignore a malformed one."""
+        """Store the state and time of a heartbeat, and report a boot-up or a change of state.
+
+        A malformed heartbeat, or one of a node that is not monitored, is ignored.
+
+        can_id: identifier, 700h + node number
+        data: NMT state in the lower 7 bits of one byte
+        t_us: time of the frame [us]
+        """
         peer = self._peers.get(can_id - HEARTBEAT)
         if peer is None or len(data) != 1:
             return

@@ -71,12 +71,15 @@ def _no_network(can_id: int, data: bytes) -> bool:  # noqa: ARG001  # as every w
 class Node(Objects):
     """A CANopen node.
 
-    state: NMT state, 0 before boot-up
-    send: sends a frame (identifier, data); returns False when it was dropped
+    state: NMT state: 0 before boot-up, 4 stopped, 5 operational, 127 pre-operational
+    send: sends a frame (identifier, data) into the node's network; returns False when it was dropped
+    heartbeats: monitor of the other nodes that 1016h lists
+    emergencies: present and past errors of this node
+
     node_id: CANopen node number
     dictionary: description of every object
-    pdos: layout of each of its TPDOs, for `publish` and `store`
-    commands: objects that are commands
+    pdos: layout of each of its TPDOs, needed for `publish` and `store` only
+    commands: objects that are commands: writing them stores nothing
     timers: whether it sends its event-driven TPDOs by itself; otherwise `publish` sends them
     autostart: whether it is operational right after boot-up
     on_peer: called when another node boots, changes its state or becomes silent, see `Heartbeats`
@@ -99,20 +102,20 @@ class Node(Objects):
     ) -> None:
         self.state = 0
         self._access, self._on_written = access, on_written
-        self._tpdos: dict[int, Tpdo] = {}
         super().__init__(node_id, dictionary, commands)
-        self._ours: Network | None = None
+        self._network: Network | None = None  # None: in no network yet
         self.send: Send = _no_network
         self.sdo = SdoServer(self)
-        self._write_callbacks.clear()
+        self._write_callbacks.clear()  # that of canopen's own NMT slave, which is replaced
         self.nmt = _Nmt(self)
         self.add_write_callback(self.nmt.on_write)
         if access is not None:
             self.add_read_callback(self._read_access)
         self._timers, self._autostart, self._on_peer = timers, autostart, on_peer
-        self._slices = {pdo.number: tuple(_slices(pdo)) for pdo in pdos}
+        self._fields = {pdo.number: tuple(_fields(pdo)) for pdo in pdos}  # by TPDO: objects and their bytes in its data
         self.heartbeats = Heartbeats(self._peer)
         self.emergencies = Emergencies(self._send_emergency, self.set_value)
+        # TPDO n has its communication parameters at 1800h + n - 1
         numbers = [index - 0x17FF for index in dictionary if 0x1800 <= index < 0x1A00]
         self._tpdos = {number: Tpdo(self, number) for number in numbers}
 
@@ -129,14 +132,14 @@ class Node(Objects):
     @property
     def t_us(self) -> int:
         """Return the network's time [us]; 0 without a network."""
-        return 0 if self._ours is None else self._ours.t_us
+        return 0 if self._network is None else self._network.t_us
 
     def associate_network(self, network: canopen.network.Network) -> None:
         """Join a network, as canopen's nodes do; it must be a cylforce.canopen.network.Network."""
         if not isinstance(network, Network):
             raise TypeError("a Node needs a cylforce.canopen.network.Network, which feeds it frames and time")
         super().associate_network(network)
-        self._ours, self.send = network, network.send
+        self._network, self.send = network, network.send
         network.subscribe(SYNC, self._on_sync)
         network.every_poll(self._poll)
 
@@ -168,15 +171,19 @@ class Node(Objects):
         self.nmt.state = _NAMES[state]
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
-        """Set an object as canopen's nodes do; changed communication parameters take effect at once."""
+        """Set an object as canopen's nodes do; changed parameters of PDOs and heartbeats take effect at once.
+
+        data: its bytes, little-endian
+        check_writable: raise SdoAbortedError for a read-only object
+        """
         super().set_data(index, subindex, data, check_writable)
-        if 0x1800 <= index < 0x1C00:
+        if 0x1800 <= index < 0x1C00:  # communication (1800h to 19FFh) or mapping (1A00h to 1BFFh) of a TPDO
             self._tpdos[(index & 0x1FF) + 1].reload()
         elif index == 0x1016:
             self._watch()
 
     def write(self, index: int, sub: int, data: bytes) -> None:
-        """Store a value that an SDO client has written, if it is allowed. Raises SdoAbortedError.
+        """Store the bytes that an SDO client has written to an object. Raises SdoAbortedError where it may not.
 
         Protected objects must pass `Access.check`, PDO parameters `Tpdo.check`. 0 written to 1003h clears the list of
         errors, which takes no other value.
@@ -216,11 +223,12 @@ class Node(Objects):
             raise SdoAbortedError(INCOMPATIBLE)
 
     def _read_access(self, index: int, subindex: int, od: object) -> int | None:
+        """Return the value of an object of the access control, for canopen's read callback; None for other objects."""
         return None if self._access is None else self._access.read(index, subindex, self.t_us)
 
     def store(self, number: int, data: bytes) -> None:
         """Write the data of TPDO `number` into the objects of its layout."""
-        for (index, sub), part in self._slices[number]:
+        for (index, sub), part in self._fields[number]:
             self.data_store[index][sub] = data[part]
 
     def publish(self, number: int, data: bytes) -> bool:
@@ -261,20 +269,23 @@ class Node(Objects):
 
     def _watch(self) -> None:
         """Monitor the heartbeats that 1016h lists: node number in bits 16 to 22, time in ms in bits 0 to 15."""
-        if 0x1016 not in self.data_store or self._ours is None:
+        if 0x1016 not in self.data_store or self._network is None:
             return
         entries = [self.raw(0x1016, sub) for sub in self.data_store[0x1016] if sub]
         self.heartbeats.watch((entry >> 16 & 0x7F, 1000 * (entry & 0xFFFF)) for entry in entries)
         for entry in entries:
             if entry:
-                self._ours.subscribe(HEARTBEAT + (entry >> 16 & 0x7F), self._on_heartbeat)
+                self._network.subscribe(HEARTBEAT + (entry >> 16 & 0x7F), self._on_heartbeat)
 
     def _on_heartbeat(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Pass a heartbeat of another node on."""
         self.heartbeats.on_heartbeat(can_id, data, self.t_us)
 
     def _peer(self, node_id: int, state: int | None) -> None:
-        """Report a silent node as an emergency, and its return as repaired."""
+        """Report a silent node as an emergency, and as repaired when no node is silent any more.
+
+        state: NMT state of the other node; None: silent
+        """
         if state is None:
             self.emergencies.occur(SILENT, COMMUNICATION, bytes([node_id]))
         elif not self.heartbeats.silent:
@@ -282,7 +293,7 @@ class Node(Objects):
         self._on_peer(node_id, state)
 
 
-def _slices(pdo: Pdo) -> Iterable[tuple[tuple[int, int], slice]]:
+def _fields(pdo: Pdo) -> Iterable[tuple[tuple[int, int], slice]]:
     """Yield address (index, sub-index) and bytes of each field of a PDO."""
     at = 0
     for field in pdo.fields:

@@ -9,6 +9,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from cylforce.signals.identifiers import is_of_a_pdo
 
 DISABLED, NO_REMOTE = 1 << 31, 1 << 30  # bits of a COB-ID
+_CAN_ID = 0x3FFFFFFF  # the other bits of a COB-ID: identifier, and bit 29 for one of 29 bits
 
 # Abort codes of CiA 301.
 VALUE_RANGE = 0x06090030  # invalid value
@@ -104,7 +105,12 @@ class Tpdo:
             self.send()
 
     def check(self, index: int, sub: int, value: int) -> None:
-        """Raise SdoAbortedError for a write that CiA 301 does not allow, or not in the present state."""
+        """Raise SdoAbortedError for a write that CiA 301 does not allow, or not in the present state.
+
+        index: of the communication or mapping parameters of this TPDO
+        sub: sub-index
+        value: number to be written
+        """
         if index == self._communication:
             if sub == 1:
                 self._check_cob_id(value)
@@ -114,15 +120,24 @@ class Tpdo:
             self._check_mapping(sub, value)
 
     def _check_cob_id(self, value: int) -> None:
-        """Allow identifiers of PDOs only, and their change only while the PDO is disabled."""
-        can_id = value & 0x3FFFFFFF
+        """Raise SdoAbortedError for an identifier that no PDO may have, or a new one while the PDO stays enabled.
+
+        value: COB-ID to be written, with the bits DISABLED and NO_REMOTE
+        """
+        can_id = value & _CAN_ID
         if not is_of_a_pdo(can_id):
             raise SdoAbortedError(VALUE_RANGE)
-        if not (self._cob_id | value) & DISABLED and can_id != self._cob_id & 0x3FFFFFFF:
+        if not (self._cob_id | value) & DISABLED and can_id != self._cob_id & _CAN_ID:
             raise SdoAbortedError(DEVICE_STATE)
 
     def _check_mapping(self, sub: int, value: int) -> None:
-        """Allow a mapping of at most 8 bytes, and its change only while the PDO is disabled."""
+        """Raise SdoAbortedError for a mapping of more than 8 bytes, or a new one while the PDO is enabled.
+
+        Entries can change only while the number of entries is 0.
+
+        sub: sub-index; 0: number of entries, others: an entry
+        value: number, or entry: index in bits 16 to 31, sub-index in bits 8 to 15, length [bits] in bits 0 to 7
+        """
         if not self._cob_id & DISABLED or (sub and self._node.raw(self._mapping, 0)):
             raise SdoAbortedError(DEVICE_STATE)
         if sub:
@@ -137,7 +152,7 @@ class Tpdo:
             raise SdoAbortedError(TOO_LONG)
 
     def _check_mapped(self, entry: int) -> None:
-        """Allow an entry of an object that exists, may be mapped, and has the entry's length."""
+        """Raise SdoAbortedError unless the object of an entry exists, may be mapped, and has the entry's length."""
         variable = self._node.variable(entry >> 16, entry >> 8 & 0xFF)
         if variable is None or not variable.pdo_mappable or len(variable) != entry & 0xFF:
             raise SdoAbortedError(NOT_MAPPABLE)
