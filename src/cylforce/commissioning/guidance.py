@@ -110,7 +110,8 @@ class Guide:
 
     model: model of the empty machine
     every_s: time between two judgements [s]
-    common: prior of a machine whose arm was identified with another tool: a minute is enough; None: data sheet
+    common: prior of a machine whose arm was identified with another tool, so that a minute of motion is enough
+        (SHORT_S); None: prior of the data sheet
     """
 
     model: Model
@@ -187,14 +188,14 @@ class Guide:
         )
 
     def _judged(self, state: Collected) -> Collected:
-        """Return the state with a new judgement, when one is due.
+        """Return the state with a new judgement, when one is due: expected error of a weight [kg], and refusal.
 
         It is due after `every_s` of samples since the last one, when FIRST_S of motion are recorded and some rows are
-        usable.
+        usable. The parameters of the empty machine are fitted to all samples so far by least squares.
         """
         if state.data is None or state.waiting < self.every_s * self.model.filters.rate_hz or state.moved_s < FIRST_S:
             return state
-        data = chosen(state.data, list(range(len(self.model.parameters))))
+        data = chosen(state.data, list(range(len(self.model.parameters))))  # the columns of the parameters only
         if not np.any(data.samples):
             return state
         noise = row_noise(data, self.model.prior)
@@ -203,7 +204,12 @@ class Guide:
         return state._replace(waiting=0, judgement=Judgement(self._weight_error(data, noise, fit), refusal))
 
     def _weight_error(self, data: Factors, noise: Array, fit: Fit) -> float:
-        """Return the expected standard error of a weight [kg]: the percentile LIKELY over the working range."""
+        """Return the expected standard error of a weight [kg]: the percentile LIKELY over the working range.
+
+        data: factors of all samples, for the parameters of the empty machine
+        noise: (R,) rms residual of each measured torque that is fitted alone [N m]
+        fit: the fit of these parameters
+        """
         model = self.model
         measured = np.sum(data.samples, axis=0) > 0
         row_error = np.where(measured, np.maximum(fit.row_error, 1e-3 * noise + 1e-9), model.data_sheet.row_error)

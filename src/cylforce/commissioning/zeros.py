@@ -28,8 +28,8 @@ STEPS = 30  # steps of expectation maximisation: changes are below 1 % then
 def correlation(model: Model, data: Factors, values: Array, row_error: Array) -> float:
     """Return the time [s] for which the residual keeps its sign; 0 where there are too few weighings.
 
-    data: factors of the empty machine
-    values: (P,) parameters
+    data: factors of a recording of the empty machine, for the P parameters of `values`
+    values: (P,) identified parameters of the empty machine
     row_error: (R,) rms residual of each measured torque [N m]
     """
     squares = weighings(model, data, values, row_error)
@@ -39,7 +39,11 @@ def correlation(model: Model, data: Factors, values: Array, row_error: Array) ->
 def weighings(model: Model, data: Factors, values: Array, row_error: Array) -> Array:
     """Return for W weighings of zero the square (W,) of the weight over its variance by white noise.
 
-    The arguments are those of `correlation`.
+    A weighing consists of BLOCKS blocks of the recording. W counts those whose noise is small enough (CERTAIN).
+
+    data: factors of a recording of the empty machine, for the P parameters of `values`
+    values: (P,) identified parameters of the empty machine
+    row_error: (R,) rms residual of each measured torque [N m]
     """
     grams = np.einsum("brki,brkj->bij", *[_projected(model, data, values) / row_error[:, None, None]] * 2)
     grams = grams[: len(grams) // BLOCKS * BLOCKS].reshape(-1, BLOCKS, 5, 5).sum(axis=1)
@@ -53,31 +57,42 @@ def weighings(model: Model, data: Factors, values: Array, row_error: Array) -> A
 
 
 def _projected(model: Model, data: Factors, values: Array) -> Array:
-    """Return the triangles (B, R, K+1, 5) of the four columns of the load and of the residual of `values`."""
+    """Return the triangles (B, R, P+1, 5) of four columns of the load and of the residual torque, in this order.
+
+    The columns of the load (m, m x, m z, J) are combinations of those of the P parameters. The residual is that of the
+    parameters `values` (P,).
+
+    data: factors of B blocks of R measured torques, for these P parameters
+    """
     change = np.zeros((len(values) + 1, 5))
     change[:-1, :4], change[:-1, 4], change[-1, 4] = model.load, -values, 1.0
     return np.asarray(data.triangle @ change)
 
 
 def between_strokes(model: Model, whole: Factors, values: Array, row_error: Array) -> BetweenStrokes:
-    """Return the spread of friction and of pressure zeros between strokes.
+    """Return the spread between strokes: of friction as a share of the identified one, of pressure zeros [Pa].
 
-    In a stroke the drift is d ~ N(0, k^2 S), with S the expected spread. The factor k^2 of friction and that of zeros
-    are the mode of their posterior by expectation maximisation: k^2 = (n + sum (d^2 + c) / s^2) / (n + number), with c
-    the variance of d and n = PRIOR_COUNT.
+    In each of G strokes, D frictions and zeros differ from their mean by the drift d. A drift is normally distributed
+    with the standard error k s, s the expected one. The factor k of all frictions and that of all zeros are estimated
+    by expectation maximisation. Their squares converge to the mode of the posterior:
+    k^2 = (n + sum (d^2 + c) / s^2) / (n + N), with c the variance of d, the sum over the N drifts of this kind in all
+    strokes, and n = PRIOR_COUNT.
 
-    whole: factors of the empty machine, the columns of the pressure zeros last
-    values: (P,) parameters
+    whole: factors of a recording of the empty machine, for all columns of the model (`Model.filtered`): the first P are
+        those of the parameters, the last those of the zeros, one for each cylinder
+    values: (P,) identified parameters of the empty machine
     row_error: (R,) rms residual of each measured torque [N m]
     """
     gram, vector = _strokes(model, whole, values, row_error)
+    # (D,) expected standard errors; (D,) kind of each drift, 0 friction, 1 zero
     spread, kind = drift_spread(model, values, EXPECTED), kinds(model)
-    scale = np.ones(2)
+    scale = np.ones(2)  # k of frictions and of zeros
     for _ in range(STEPS):
-        # expectation: drift of each stroke and its covariance; maximisation: k^2 of friction (0) and zeros (1)
+        # expectation: drift (G, D) of each stroke, and its covariance (G, D, D)
         prior = (scale[kind] * spread) ** 2
         covariance = np.linalg.inv(gram + np.diag(1.0 / prior))
         drift = np.einsum("gij,gj->gi", covariance, vector)
+        # maximisation
         square = (drift**2 + np.einsum("gii->gi", covariance)) / spread**2
         sums = np.array([square[:, kind == k].sum() for k in range(2)])
         counts = np.array([square[:, kind == k].size for k in range(2)])
@@ -87,7 +102,15 @@ def between_strokes(model: Model, whole: Factors, values: Array, row_error: Arra
 
 
 def _strokes(model: Model, whole: Factors, values: Array, row_error: Array) -> tuple[Array, Array]:
-    """Return the information (G, D, D) about the drift in each of G short lifts, and its vector (G, D)."""
+    """Return the information X'X (G, D, D) about the D drifts in each of G strokes, and its vector X'r (G, D).
+
+    A stroke stands for BLOCKS blocks of the recording, as long as a short lift. X are the columns of the frictions that
+    drift and of the pressure zeros, r is the residual torque of the parameters, both over the error of their row.
+
+    whole: factors of a recording of the empty machine, for all columns of the model
+    values: (P,) identified parameters of the empty machine
+    row_error: (R,) rms residual of each measured torque [N m]
+    """
     count, zeros = len(model.machine.cylinders), whole.triangle.shape[-1] - 1
     columns = whole.triangle[..., [*model.changing_friction, *range(zeros - count, zeros)]]
     unexplained = whole.triangle[..., -1] - whole.triangle[..., : len(values)] @ values

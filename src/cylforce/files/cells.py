@@ -137,7 +137,12 @@ def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
 
 
 def _check_kinds(path: Path, arrow: ModuleType, kinds: dict[str, object], names: list[str]) -> None:
-    """Raise RecordingError for a column that does not hold numbers."""
+    """Raise RecordingError for a column that does not hold numbers.
+
+    arrow: the library pyarrow
+    kinds: Arrow type of each column of the file, by name
+    names: columns to check
+    """
     for name in names:
         if not (arrow.types.is_floating(kinds[name]) or arrow.types.is_integer(kinds[name])):
             raise RecordingError(f"{path}: column {name!r} holds {kinds[name]}, not numbers")

@@ -280,7 +280,7 @@ class LogWriter:
             self._file.close()
 
     def _begin(self, new_file: _NewFile) -> None:
-        """Close the file and begin a new one, on the thread."""
+        """Close the file and begin a new one, in the writing thread."""
         try:
             self._close_file()
             if new_file.again and self._rotation is not None:
@@ -298,7 +298,11 @@ class LogWriter:
                 self._path.unlink()  # otherwise each attempt would push an older log out
 
     def _put(self, block: bytes, events: int) -> None:
-        """Write a block of lines, on the thread."""
+        """Write a block of lines, in the writing thread.
+
+        block: the lines
+        events: number of events in them
+        """
         self._done += len(block)
         if self._file is None:
             return
@@ -311,13 +315,16 @@ class LogWriter:
             self._written += events
 
     def _broken(self, error: OSError) -> None:
-        """Note an error and close the file, on the thread."""
+        """Close the file after an error, in the writing thread.
+
+        The error is stored; `flush` reports it in the caller's thread.
+        """
         self._error = error
         with suppress(OSError):
             self._close_file()
 
     def _close_file(self) -> None:
-        """Close the file, on the thread."""
+        """Close the file, in the writing thread."""
         file, self._file = self._file, None
         if file is not None:
             file.close()

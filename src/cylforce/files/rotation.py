@@ -22,9 +22,10 @@ class Rotation(NamedTuple):
 
 
 def opened(path: Path, rotation: Rotation | None) -> FileIO:
-    """Return the open, empty file. With a rotation the oldest files are deleted.
+    """Return a new, empty file of this name, open for writing.
 
-    An earlier log of this name is kept as NAME.NUMBER.log, because the log before a crash is the one of interest.
+    An earlier log of this name is kept as NAME.NUMBER.log, because the log before a crash is the one of interest. With
+    a rotation only `keep` earlier logs are kept: the oldest ones are deleted.
     """
     earlier = earlier_files(path)
     if path.is_file() and path.stat().st_size:

@@ -93,12 +93,15 @@ class Unwrapping:
         return np.stack(columns, axis=-1) if columns else unwrapped
 
     def apply(self, columns: MutableSequence[Any]) -> None:
-        """Add whole turns to the angles among the signals: S numbers of one sample, or S arrays (...,)."""
+        """Add whole turns to the angles among the signals, in place.
+
+        columns: values of the S signals [SI]: S numbers of one sample, or S arrays (...,)
+        """
         for k in self._house:
             columns[k] = nearest(columns[k], 0.0)
         inner = 0.0 if self._pitch is None else columns[self._pitch]  # inclination of the link before
         for joint in self._joints:
-            theta, inclined = joint.middle, joint.inclined
+            theta, inclined = joint.middle, joint.inclined  # angle of the joint, if no sensor measures it: the middle
             if joint.encoder is not None:
                 theta = columns[joint.encoder] = nearest(columns[joint.encoder], joint.middle)
             if inclined is not None:

@@ -109,10 +109,12 @@ def check(connection: sqlite3.Connection) -> None:
 
 
 def open_writing(path: Path, report: Report) -> sqlite3.Connection:
-    """Open the database for the one writer; make or migrate it.
+    """Open the database for the one writer; create its tables or bring them to the present version.
 
-    A file that cannot be read is kept under another name, which is reported, and new records begin. Raises
-    sqlite3.Error or OSError where nothing can be written.
+    A damaged file, or one of a newer version, is kept under another name, and new records begin. Raises sqlite3.Error
+    or OSError where nothing can be written.
+
+    report: called with one sentence where a file was kept
     """
     try:
         return _ready(path)

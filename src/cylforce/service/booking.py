@@ -158,7 +158,7 @@ class Variances:
 class BookingConstants(Constants):
     """Constants of the booking of one machine.
 
-    tares:      of the machine
+    tares:      identified parameters of the empty machine, with the error of the scale that decides about bookings
     rated:      rated payload [kg]
     parameters: P, number of tares
     every:      number of samples of a lift between two weights for bookings
@@ -173,10 +173,10 @@ class BookingConstants(Constants):
     def variances(self, weight: Weighed, drift: DriftKnowledge, tares: Tares, sizes: Array | None = None) -> Variances:
         """Return the parts of the variance [kg^2] of the mass of a weight, corrected by the drift.
 
-        weight: at an instant of a lift
-        drift:  of friction and zeros
-        tares:  identified parameters of the empty machine, with the error of the scale that counts
-        sizes:  (H,) independent errors of the signals; None: not known
+        weight: weight at an instant of a lift, with its sensitivities
+        drift:  drift of friction and zeros, with its covariance
+        tares:  identified parameters of the empty machine, with the relative error of the scale that counts
+        sizes:  (H,) standard errors of the H signals by faults that no detector finds, independent; None: not known
         """
         slopes = weight.slopes
         return Variances(
@@ -288,6 +288,7 @@ class Bookings(Estimator):
         self.remembered = False
 
     def _miss(self, mass: float, reason: MissedReason) -> None:
+        """Count a load of this `mass` [kg] that will not be booked, with the reason."""
         self.missed = Missed(self.missed.number + 1, mass, reason)
 
     def update(self, weight: Weighed, t_us: int, drift: DriftKnowledge) -> None:

@@ -116,18 +116,22 @@ def _node(file: MachineFile, k: int, folder: Path) -> SensorNode:
 
 
 def _eds(table: NodeTable, k: int, folder: Path) -> vendor_eds.Eds | None:
-    """Return the EDS file of node k; None without one. Raises FaultError."""
+    """Return the EDS file of node k; None without one.
+
+    Raises FaultError if it cannot be used, or gives another device profile than the machine file. A profile of 0, in
+    either of them, means none and agrees with any.
+
+    folder: folder of the EDS files
+    """
     if table.eds is None:
         return None
     try:
         eds = vendor_eds.read(folder / table.eds)
     except vendor_eds.EdsError as error:
         raise FaultError(("nodes", k, "eds"), f"cannot be used: {error}") from None
-    if vendor_eds.profile(eds) not in (0, table.profile or vendor_eds.profile(eds)):
-        raise FaultError(
-            ("nodes", k, "profile"),
-            f"is {table.profile}, its EDS says {vendor_eds.profile(eds)}: correct one",
-        )
+    by_eds = vendor_eds.profile(eds)
+    if by_eds and table.profile and by_eds != table.profile:
+        raise FaultError(("nodes", k, "profile"), f"is {table.profile}, its EDS says {by_eds}: correct one")
     return eds
 
 
@@ -154,7 +158,10 @@ class Timing(NamedTuple):
 
 
 def _timing(file: MachineFile, node: NodeTable, number: int) -> Timing:
-    """Return when TPDO `number` of a node is sent. Raises FaultError."""
+    """Return when TPDO `number` of a node is sent: by its own table in nodes.pdos, else by that of the node.
+
+    Raises FaultError without a period, or with one that contradicts the SYNC that cylforce sends.
+    """
     special = next((pdo for pdo in node.pdos if pdo.number == number), PdoTable(number=number))
     key: Key = ("nodes", file.nodes.index(node))
     period_ms = special.period_ms or node.period_ms
@@ -175,7 +182,13 @@ def _timing(file: MachineFile, node: NodeTable, number: int) -> Timing:
 
 
 def _pdo(file: MachineFile, k: int, number: int, sensors: list[Entry], eds: vendor_eds.Eds | None) -> Pdo:
-    """Return TPDO `number` of node k with the fields of its sensors. Raises FaultError."""
+    """Return TPDO `number` of node k with the fields of its sensors.
+
+    Raises FaultError if it has no COB-ID or no period, or its fields do not fit into it.
+
+    sensors: all sensors of the node, each with its number in the file
+    eds: EDS file of the node; None: without one
+    """
     node = file.nodes[k]
     chosen = [(n, sensor) for n, sensor in sensors if sensor.pdo == number]
     timing = _timing(file, node, number)
@@ -204,7 +217,10 @@ def _pdo(file: MachineFile, k: int, number: int, sensors: list[Entry], eds: vend
 
 
 def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Field]:
-    """Return the field of sensor n, between the gaps before and after it. Raises FaultError."""
+    """Return the field of sensor n, between the gaps (objects that are mapped, but not used) before and after it.
+
+    Raises FaultError if its type is not known or cannot express the range of the sensor.
+    """
     field = Field(
         signal=sensor.name,
         index=sensor.object[0],

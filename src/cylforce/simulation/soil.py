@@ -95,12 +95,13 @@ def draw_dig(
     """Return a random digging operation.
 
     The load is 0.2 to 1 of the rated payload. The force grows from 0.7 to 1.6..4 times the weight of the rated payload.
+    Three waves of some 0.4, 0.9 and 1.7 Hz modulate it, each by 3 to 8 per cent. All ranges are chosen.
 
-    times: start, stop, dump_start, dump_stop [s]
+    times: start, stop, dump_start, dump_stop of `Dig` [s]
     rated_payload: [kg]
-    reach: largest distance of a load's centre from the last pin [m]
+    reach: distance from the last pin that the load's centre may have [m]; it lies at 0.55 to 0.78 of it
     """
-    weight = 10.0 * rated_payload
+    weight = 10.0 * rated_payload  # [N], with g rounded to 10 m/s^2
     frequency = 2 * np.pi * np.array([0.4, 0.9, 1.7]) * rng.uniform(0.8, 1.25, 3)
     waves = np.stack([rng.uniform(0.03, 0.08, 3), frequency, rng.uniform(0, 2 * np.pi, 3)], axis=-1)
     centre = (float(reach * rng.uniform(0.55, 0.75)), float(reach * rng.uniform(0.0, 0.2)))

@@ -48,14 +48,14 @@ class ContactDetector(Estimator):
 
     constants:   limits
     in_contact:  whether the tool is in contact
-    away:        time since the force last exceeded the limit ENDS [s]
+    away:        time for which the clearness has been below ENDS in contact [s]
     seconds:     time since contact began [s]
-    path:        of the teeth since contact began [m]
+    path:        length of the path of the teeth since contact began [m]
     since_stiff: time since the last stiff object, at most AGAIN_S [s]
-    forces:      magnitudes at the instants of the last RISE_S, oldest first [N]
-    paths:       of the teeth at these instants, from an arbitrary origin [m]
-    course:      of the teeth along the ground
-    number:      of events so far
+    forces:      magnitudes of the force at the instants of the last RISE_S, oldest first [N]
+    paths:       length of the path of the teeth at these instants, from an arbitrary origin [m]
+    course:      points x, z of the path of the teeth along the ground [m], from which its slope is computed
+    number:      number of events so far
     events:      the last KEPT events, newest last
     """
 
@@ -137,11 +137,23 @@ class ContactDetector(Estimator):
             self._begin(t_us, clearness(force, late), place)
 
     def _begin(self, t_us: int, clear: float, place: complex) -> None:
+        """Begin a contact if the clearness exceeds BEGINS also where the error by latency is counted.
+
+        t_us:  time [us]
+        clear: clearness with this error, a squared ratio (`clearness`)
+        place: of the teeth, x + i z [m]
+        """
         if clear > BEGINS:
             self.in_contact, self.away, self.course = True, 0.0, NO_COURSE
             self._note(EventKind.CONTACT_BEGINS, t_us, place, probably(sqrt(clear), sqrt(BEGINS), 1.0))
 
     def _end(self, t_us: int, force: SolvedForce, place: complex) -> None:
+        """End the contact, after a path of more than DUG_M as a transition from soil to air.
+
+        t_us:  time [us]
+        force: at the tool, with its clearness
+        place: of the teeth, x + i z [m]
+        """
         kind = EventKind.SOIL_LEFT if self.path > DUG_M else EventKind.CONTACT_ENDS
         self.in_contact, self.away = False, 0.0
         self._note(kind, t_us, place, probably(sqrt(BEGINS) - sqrt(force.clearness), sqrt(BEGINS), 1.0))
@@ -176,6 +188,7 @@ class ContactDetector(Estimator):
             self._note(EventKind.SLOPE_CHANGES, t_us, place, confidence)
 
     def _note(self, kind: EventKind, t_us: int, place: complex, confidence: float) -> None:
+        """Append an event at the place x + i z [m] of the teeth; `confidence`: its probability."""
         self.number += 1
         event = ContactEvent(self.number, t_us, kind, place.real, place.imag, confidence)
         self.events = (*self.events, event)[-KEPT:]

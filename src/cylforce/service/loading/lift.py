@@ -33,13 +33,16 @@ class SpillCheck:
 class Lift(Estimator):
     """Recursive estimate of the load's (m, m x, m z, J about the last pin), without drift.
 
+    It depends on P tares (identified parameters of the empty machine) and D drifts (changes of friction and zeros). The
+    gram (4, P + D) is the sensitivity to both, see `gram`. R is the number of measured torques (rows).
+
     numbers: information, estimate, covariance and gram, as the kernel keeps them (`LiftLayout`)
     taken:   number of samples that fit the load
     refused: number of samples in a row that do not fit the load
     moving:  number of samples in motion
     rested:  (R,) number of samples for which each row has been at rest, less those in motion since
-    marks:   (M, 4, 5 + P + D) information about the load at the last M examinations for a spill
-    checks:  the last M examinations for a spill
+    marks:   (M, 4, 5 + P + D) information about the load at the last M examinations for a spill, see `since`
+    checks:  the last M examinations for a spill, oldest first
     mixed:   whether the filters still contain samples from before the lift
     tilt:    angle of the tool at the first examination, at the start of this load [rad]; None: not examined yet
     """
@@ -131,14 +134,15 @@ class Lift(Estimator):
     def since(self, at: int, now: Array, last: SpillCheck, every: int, nothing: Array) -> "Lift":
         """Return the lift since an earlier examination for a spill, at which the load changed.
 
-        Information on a load is its matrix (4, 4), right-hand side (4,) and gram (4, P + D) side by side. It is a sum
-        over the samples, so that the part before the examination is subtracted.
+        Information on a load is its matrix U'U (4, 4), right-hand side U'z (4,) and gram (4, P + D) side by side. It is
+        the prior plus a sum over the samples. The information at the earlier examination is therefore subtracted, and
+        the prior added again.
 
-        at:      number of that examination in `checks`
-        now:     (4, 5 + P + D) information at the `last` examination
+        at:      place of that examination in `checks`
+        now:     (4, 5 + P + D) information at the present examination
         last:    the present examination
         every:   samples between two examinations
-        nothing: (4, 5 + P + D) information of a lift without samples
+        nothing: (4, 5 + P + D) information of a lift without samples: the prior
         """
         begun = self.checks[at]
         marks = np.concatenate([self.marks[at:], now[None]]) - self.marks[at] + nothing

@@ -82,11 +82,12 @@ class GroupConstants(Constants):
 
 @dataclass(slots=True)
 class GroupStatistics(Estimator):
-    """Groups and noise of P pressures, in motion or at rest.
+    """Groups and noise of P pressures, in motion or at rest. Both arrays are flat, the newest group is the last one.
 
-    groups: (4, GROUPS, P) means, variances, ways and white noise of the last groups, 0 before the first groups
-    noise:  (NOISES, P) variances of the noise in the last groups, 0 before the first groups; then (P,) number of groups
-            since the noise is gone, 0 where it is not
+    groups: (4, GROUPS, P) of the last groups: mean [Pa], variance [Pa^2], direction of the cylinder (1 extends, -1
+            retracts), variance of the white noise [Pa^2]; 0 before the first groups
+    noise:  (NOISES + 1, P): variance of the noise in the last NOISES groups [Pa^2], 0 before the first groups; the last
+            row is the number of groups since the noise is gone, 0 where it is not gone
     """
 
     groups: Numbers
@@ -147,7 +148,7 @@ class GroupStatistics(Estimator):
 
         Such a pressure was not frozen: its noise has become smaller, and is learned anew.
 
-        changes: (P,) True where a pressure changes
+        changes: (P,) True where a pressure changes from group to group by more than its noise explains
         """
         back = changes & (self.since > GROUPS)
         if back.any():

@@ -121,7 +121,13 @@ def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
 
 
 def _place(raw: Raw, key: Key, kind: str, at: str | None) -> Iterator[FaultError]:
-    """Yield the faults of the cylinder or link at which a sensor is mounted."""
+    """Yield the fault of a sensor's key `at`: it is missing, or names no cylinder or link of the file.
+
+    raw: the whole file
+    key: key of the sensor's table
+    kind: kind of the sensor, which decides between cylinder and link
+    at: value of its key `at`; None: missing
+    """
     table = "cylinders" if kind in AT_CYLINDER else "links"
     names = _names(raw, table)
     if at is None:

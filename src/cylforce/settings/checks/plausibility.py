@@ -6,6 +6,9 @@ value and its check.
 A limit that has no other source is a ratio of the data sheets of excavators (0.8 to 100 t), wheel loaders and loader
 cranes, with room on both sides. Ratios do not depend on the machine's size, so they detect errors of unit and of sign
 that the limits of single values let pass.
+
+In every check `findings` collects the errors and warnings. Numbers in the machine file: `j` of a link and the joint at
+its inner pin, `c` of a cylinder, `k` of a signal or attachment.
 """
 
 import numpy as np
@@ -84,7 +87,12 @@ def _of_attachment(fault: FaultError, machine: Machine, k: int) -> FaultError:
 
 
 def _judge(findings: Inspection, key: Key, value: float, limits: Limits, problem: str) -> None:
-    """Add an error or a warning when a value is beyond the limits."""
+    """Add an error to `findings` when a value is beyond its outer limits, a warning beyond the inner ones.
+
+    key: key of the file to which the finding belongs
+    value: ratio or quantity, in the unit of its limits
+    problem: sentence of the finding
+    """
     refuse_low, warn_low, warn_high, refuse_high = limits
     if not refuse_low <= value <= refuse_high:
         findings.refuse(key, problem)
@@ -167,8 +175,10 @@ def _check_drive(machine: Machine, findings: Inspection) -> None:
             findings.warn(
                 ("links", j), f"is moved by no cylinder: check the bodies of the pins, or add one at {link.name}"
             )
+        # The size can be checked where one cylinder alone carries the load. One that acts on two joints (a tilt
+        # cylinder at the lift arm) adds little; of two cylinders that act on this joint only, each carries a part.
         single = [c for c in acting if machine.spans[c] == (j,)]
-        if len(single) == 1:  # one that acts on two joints (a tilt cylinder at the lift arm) adds little
+        if len(single) == 1:
             _check_size(machine, j, single[0], findings)
 
 
