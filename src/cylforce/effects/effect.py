@@ -37,7 +37,7 @@ class Effect(Protocol):
         ...
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the columns of the parameters along a motion."""
+        """Return the columns (..., N, P) of the parameters along a motion (...): torques [N m] per unit of each."""
         ...
 
 

@@ -75,14 +75,17 @@ class ShapeRange(NamedTuple):
     shift: float = 0.0
 
     def position(self, value: float) -> float:
-        """Return the position of a value between `low` (0) and `high` (1), in equal steps of the search."""
+        """Return the position of a value (in the unit of `low`) between `low` (0) and `high` (1).
+
+        Equal steps of the search are equal differences of the position.
+        """
         if not self.log:
             return (value - self.low) / (self.high - self.low)
         whole = log((self.high + self.shift) / (self.low + self.shift))
         return log((value + self.shift) / (self.low + self.shift)) / whole
 
     def value(self, position: float) -> float:
-        """Return the value at a position from 0 to 1; positions outside give the nearest end."""
+        """Return the value, in the unit of `low`, at a position from 0 to 1; positions outside give the nearest end."""
         share = min(max(position, 0.0), 1.0)
         if not self.log:
             return self.low + share * (self.high - self.low)
@@ -102,10 +105,11 @@ class Remembered(ProtocolType):  # type: ignore[misc] # its type is not public
     """
 
     def __instancecheck__(cls, instance: object) -> bool:  # noqa: N805 - a metaclass
-        asked = cls, type(instance)
-        if asked not in _known:
-            _known[asked] = super().__instancecheck__(instance)
-        return _known[asked]
+        """Return whether the object follows the protocol, from the first answer for its class."""
+        pair = cls, type(instance)
+        if pair not in _known:
+            _known[pair] = super().__instancecheck__(instance)
+        return _known[pair]
 
 
 class Fault(Protocol, metaclass=Remembered):

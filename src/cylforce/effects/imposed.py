@@ -115,7 +115,10 @@ def units(group: Group) -> tuple[str, ...]:
 
 
 def _named(machine: Machine, name: str, at: str, library: tuple[Group, ...]) -> Group:
-    """Return the first group of that name, if possible one for that location."""
+    """Return the first group of effects of that name, if possible one that can act at the location `at`.
+
+    Raises ValueError for an unknown name.
+    """
     found = [group for group in library if group[0].about.name == name]
     if not found:
         known = ", ".join(dict.fromkeys(group[0].about.name for group in library))
@@ -267,7 +270,10 @@ def _still_carried(mass: Array, t: Array, begin: float) -> Array:
 
 
 def _size(each: Imposed, what: str) -> float:
-    """Return the size with which an incident changes the quantity `what`, a key of `CHANGED`."""
+    """Return the size, in the unit of `CHANGED`, with which an incident changes the quantity `what`; 0 if it does not.
+
+    what: key of `CHANGED`
+    """
     effect = each.group[0]
     changed = _changed(effect) if isinstance(effect, Incident) else []
     return each.sizes[changed.index(what)] if what in changed else 0.0

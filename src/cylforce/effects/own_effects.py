@@ -89,7 +89,7 @@ def check_groups(groups: Sequence[Any], taken: Collection[str], machine: Machine
 
 @contextmanager
 def _of_class(effect: object) -> Iterator[None]:
-    """Prefix a ValueError with the name of the effect's class."""
+    """Prefix a ValueError that is raised inside the `with` block with the name of the effect's class."""
     try:
         yield
     except ValueError as error:
@@ -230,7 +230,13 @@ def _check_motion(effect: Fault, machine: Machine, trial: Trial) -> None:
 
 
 def _tried(effect: object, machine: Machine, trial: Trial, where: int) -> tuple[Array, tuple[int, ...]]:
-    """Return the output of an effect on the test motion, and the shape that it must have."""
+    """Return the output of an effect on the test motion, and the shape that it must have.
+
+    The output is that of the method of its protocol: force, torque, signals, lengths of the cylinders, share or change
+    of the parameters. A sensor's or geometry's error has its least plausible size.
+
+    where: number of the location (`fault.places`)
+    """
     count, t = len(trial.t), trial.t
     found: Array = np.zeros(count)
     wanted: tuple[int, ...] = (count,)

@@ -73,7 +73,12 @@ class PostureTorque:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with the pressure or force of the joint's cylinder that makes the torque."""
+        """Return the signals (T, S) with the pressure or force of the joint's cylinder that makes the torque.
+
+        values: (T, S) signals without the error [SI]
+        where:  number of the joint
+        size:   of the torque [N m]
+        """
         link, angle = machine.links[where], joint_angles(machine, values)[:, where]
         share = 2.0 * (angle - link.angle_low) / (link.angle_high - link.angle_low) - 1.0
         own = _cylinder(machine, where)
@@ -105,7 +110,12 @@ class OthersPressure:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with the cylinder's force plus a share of another pressure on its head side."""
+        """Return the signals (T, S) with the cylinder's force plus a share of another pressure on its head side.
+
+        values: (T, S) signals without the error [SI]
+        where:  number of the joint
+        size:   share of the other pressure
+        """
         spans, own = machine.spans, _cylinder(machine, where)
         others = [k for k, s in enumerate(machine.signals) if s.kind in SIDES and where not in spans[s.index]]
         if own is None or self.other >= len(others):
@@ -114,12 +124,16 @@ class OthersPressure:
 
 
 def _cylinder(machine: Machine, where: int) -> int | None:
-    """Return the first cylinder that turns a joint."""
+    """Return the number of the first cylinder that turns joint `where`, None without one."""
     return next((c for c, span in enumerate(machine.spans) if where in span), None)
 
 
 def _pushed(machine: Machine, values: Array, cylinder: int, push: Array) -> Array:
-    """Return the values (T, S) with an additional force (T,) [N] of a cylinder."""
+    """Return the signals (T, S) [SI] with an additional force of a cylinder; a pressure changes by force over area.
+
+    cylinder: its number
+    push:     (T,) additional force [N]
+    """
     signal, found = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}, values.copy()
     if (Kind.FORCE_PIN, cylinder) in signal:
         found[:, signal[Kind.FORCE_PIN, cylinder]] += push

@@ -186,7 +186,7 @@ def point_on_line(foot: MovingPoint, end: MovingPoint, distance: float) -> Movin
 
 
 def gravity_factor(moving: Motion) -> Vector:
-    """Return gravity as a complex factor: Im(factor * vector) is g times the vector's rise."""
+    """Return gravity as a complex factor (...) [m/s^2]: Im(factor * vector) is g times the vector's rise."""
     factor = moving.g * np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))
     return complex(factor) if moving.q.ndim == 1 else np.asarray(factor)
 
@@ -194,7 +194,7 @@ def gravity_factor(moving: Motion) -> Vector:
 def unit_mass_torque(
     at: MovingPoint, up: Vector, slew_squared: Number, axis: float
 ) -> tuple[list[Number], list[Number]]:
-    """Return momentum [kg m] and static torque [N m] of a point mass of 1 kg, one value per joint j.
+    """Return momentum [N m s] and static torque [N m] of a point mass of 1 kg, one value (...) per joint j.
 
     p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with v the velocity of the mass, x_j the derivatives of
     its place by the joints' angles, rho its distance from the slew axis.

@@ -48,8 +48,9 @@ class AsymmetricFriction:
         return 2 if self.way else 1
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f: |sgn(v)|, or sgn(v) in the direction `way` alone; sgn(v) rounded as tanh(v
-        / rounding).
+        """Return the force per newton of f, shaped as `speed` [m/s]: |sgn(v)|, or sgn(v) in the direction `way` alone.
+
+        sgn(v) is rounded as tanh(v / rounding).
         """
         turned = np.tanh(speed / self.rounding)
         return np.asarray(np.where(self.way * speed > 0.0, turned, 0.0) if self.way else np.abs(turned))

@@ -31,5 +31,5 @@ class CoulombFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f: sgn(v), rounded as tanh(v / rounding)."""
+        """Return the force per newton of f, shaped as `speed` [m/s]: sgn(v), rounded as tanh(v / rounding)."""
         return np.asarray(np.tanh(speed / self.rounding))

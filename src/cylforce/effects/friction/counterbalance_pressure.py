@@ -45,7 +45,7 @@ class CounterbalancePressure:
         return (ShapeRange("relief", 0.0, 2e-5, log=True, shift=2e-6),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) of the cylinders per newton of f."""
+        """Return the torques (T, N) [N m] of cylinder `where` per newton of f."""
         force = moving.force[:, where]
         sign = np.tanh(force / LEAST_FORCE)
         lowers = np.maximum(-sign * np.tanh(moving.speed[:, where] / self.rounding), 0.0)

@@ -9,7 +9,7 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
 
-USUAL = 0.1  # m/s, speed at which the size is told
+USUAL = 0.1  # m/s, speed at which the force is f
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class EndCushion:
             Place.CYLINDER,
             "in motion into the last centimetres of a stroke only",
             "strokes into both ends at two speeds, and out of them",
-            1,
+            sign=1,
             form=0.2,  # chosen: taper and gap differ from machine to machine
         )
 
@@ -46,7 +46,7 @@ class EndCushion:
         return (ShapeRange("length", 0.02, 0.2, log=True),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) of the cylinders per newton of f, at 0.1 m/s and full depth."""
+        """Return the torques (T, N) [N m] of cylinder `where` per newton of f, the force at 0.1 m/s and full depth."""
         cylinder, length = machine.cylinders[where], moving.length[:, where]
         gaps = {1: cylinder.length_high - length, -1: length - cylinder.length_low}
         depth = {end: np.clip(1.0 - gap / self.length, 0.0, 1.0) for end, gap in gaps.items()}

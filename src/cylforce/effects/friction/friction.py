@@ -40,7 +40,7 @@ class Friction:
         return tuple(Parameter(f"{c.name}.{self.name}", self.law.about.unit) for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the static columns (..., N, C): the law's force per unit times the lever."""
+        """Return the static columns (..., N, C) [N m per unit]: the law's force per unit times the lever [m/rad]."""
         return _columns(self.law.force(moving.speed, moving.force, NEVER), moving.lever)
 
 
@@ -59,6 +59,6 @@ class AtRest:
         return tuple(Parameter(f"{c.name}.at_rest", "N") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the static columns (..., N, C), never negative."""
+        """Return the static columns (..., N, C) [N m per N of f_c], never negative."""
         unknown = 1.0 - np.abs(np.tanh(moving.speed / self.rounding))
         return _columns(unknown, np.abs(moving.lever))

@@ -35,8 +35,9 @@ class LoadDependentFriction:
         return (ShapeRange("easing", 0.0, 2e-5, log=True, shift=2e-6),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per unit of a: |F| sgn(v), or (1 - exp(-e |F|)) / e sgn(v), sgn(v) rounded as tanh(v /
-        rounding).
+        """Return the force [N] per unit of a: |F| sgn(v), or (1 - exp(-e |F|)) / e sgn(v).
+
+        It is shaped as speed v [m/s] and force F [N]. sgn(v) is rounded as tanh(v / rounding).
         """
         load = -np.expm1(-self.easing * np.abs(force)) / self.easing if self.easing else np.abs(force)
         return np.asarray(load * np.tanh(speed / self.rounding))

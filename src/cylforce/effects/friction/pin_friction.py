@@ -37,13 +37,14 @@ class PinFriction:
             Place.LINK,
             "in motion of that joint, reversing with it, more where pin and cylinder press hard",
             "grease the pin, then the same strokes again",
-            1,
+            sign=1,
             form=0.1,  # chosen: bushes of both ends wear differently
         )
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) of the cylinders per metre of r: |P| sgn(w) at joint `where`, sgn(w) rounded as
-        tanh(w / rounding).
+        """Return the torques (T, N) [N m] of the cylinders per metre of r: |P| sgn(w) at joint `where`.
+
+        sgn(w) is rounded as tanh(w / rounding).
         """
         turning = np.diff(moving.qd, axis=-1, prepend=0.0)[:, where]
         pressed = np.abs(bodies(machine, moving).weight(where) - _pushed(machine, moving, where))
@@ -53,7 +54,10 @@ class PinFriction:
 
 
 def _pushed(machine: Machine, moving: Motion, joint: int) -> Complex:
-    """Return the force (T,) [N], forwards + i upwards, of the cylinders on the links from `joint` outwards."""
+    """Return the force (T,) [N], forwards + i upwards, of the cylinders on the links from `joint` outwards.
+
+    By virtual work: force times the change of the cylinder's length by a displacement of these links, per metre.
+    """
     at = machine.pose(np.diff(moving.a, axis=-1, prepend=0.0))
     outer = np.arange(machine.size + 1) > joint  # body 0 is the chassis
     force = np.zeros(len(moving.a), dtype=np.complex128)

@@ -31,7 +31,7 @@ class PreslidingHysteresis:
             Place.CYLINDER,
             "within millimetres after a reversal, gone after them",
             "many short strokes of 2 to 20 mm both ways",
-            1,
+            sign=1,
             form=0.2,  # chosen: the true shape of the build-up differs from machine to machine
         )
 
@@ -41,8 +41,12 @@ class PreslidingHysteresis:
         return (ShapeRange("way", 0.0002, 0.008, log=True),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f: z - sgn(v) (T,); z is integrated exactly over the movement beyond the
-        `slack`, from z = 0 at the first sample.
+        """Return the force (T,) per newton of f: z - sgn(v).
+
+        z is integrated exactly over the movement beyond the `slack`, from z = 0 at the first sample.
+
+        speed: (T,) [m/s]
+        t:     (T,) time [s]
         """
         steps = speed * np.gradient(t)
         moved = steps - np.diff(clipped(steps, self.slack), prepend=0.0)

@@ -42,5 +42,8 @@ class ReturnLineLoss:
         return (ShapeRange("power", 1.0, 2.0),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f at 0.3 m/s: way (|v| / 0.3 m/s)^power in the direction `way`, else 0."""
+        """Return the force per newton of f, shaped as `speed` v [m/s]; f is the force at 0.3 m/s.
+
+        It is way (|v| / 0.3 m/s)^power in the direction `way`, else 0.
+        """
         return np.asarray(self.way * (np.maximum(self.way * speed, 0.0) / USUAL) ** self.power)

@@ -26,7 +26,7 @@ class Stribeck:
             Place.CYLINDER,
             "below the speed `width`, gone above it",
             "creep both ways at 3 to 30 mm/s",
-            1,
+            sign=1,
             form=0.2,  # chosen: the true width and shape differ from machine to machine
         )
 
@@ -36,6 +36,9 @@ class Stribeck:
         return (ShapeRange("width", 0.005, 0.05, log=True),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f: exp(-(v / width)^2) sgn(v), sgn(v) rounded as tanh(v / rounding)."""
+        """Return the force per newton of f, shaped as `speed` [m/s]: exp(-(v / width)^2) sgn(v).
+
+        sgn(v) is rounded as tanh(v / rounding).
+        """
         fading = np.exp(-((speed / self.width) ** 2))
         return np.asarray(fading * np.tanh(speed / self.rounding))

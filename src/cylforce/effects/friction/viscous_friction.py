@@ -28,5 +28,5 @@ class ViscousFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per N s/m of f: the speed v [m/s]."""
+        """Return the force [N] per N s/m of f, shaped as `speed`: the speed v [m/s]."""
         return speed

@@ -37,7 +37,7 @@ class Backlash:
             Place.LINK,
             "where the joint's torque changes its sign",
             "push the link by hand, or with the tool on the ground, both ways",
-            1,
+            sign=1,
             form=0.2,  # chosen: it rebounds, and its load moves it differently
         )
 
@@ -71,9 +71,11 @@ class Backlash:
 
 
 def fallen(pressed: Array, step: float, play: float) -> Array:
-    """Return the position (T,), from -1 to 1, in a play [rad] under an acceleration (T,) [rad/s^2].
+    """Return the position (T,) in a play: 1 on the side to which a positive acceleration presses, -1 on the other.
 
-    step: time between samples [s]
+    pressed: (T,) acceleration with which the torque presses the joint to one side [rad/s^2]
+    step:    time between samples [s]
+    play:    width of the play [rad]
     """
     side, begin = 1.0 if pressed[0] >= 0.0 else -1.0, 0
     found, away = np.empty(len(pressed)), {1.0: np.flatnonzero(pressed < 0.0), -1.0: np.flatnonzero(pressed > 0.0)}
@@ -91,7 +93,11 @@ def fallen(pressed: Array, step: float, play: float) -> Array:
 
 
 def _moved(pressed: Array, play: float) -> Array:
-    """Return the travel (T,), from rest, until the play is crossed or the joint is back."""
+    """Return the travel (n,) [rad], from rest, at each step until the play is crossed or the joint is back.
+
+    pressed: (T,) acceleration times the square of the time between samples [rad]
+    play:    width of the play [rad]
+    """
     moved = np.zeros(0)
     for count in (64, 1024, len(pressed)):
         moved = np.cumsum(np.cumsum(pressed[:count]))

@@ -47,17 +47,23 @@ class BoomMotion:
         return (4.0, 4.0, 1.0)
 
     def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
-        """Return the columns (..., N, 3) of Rx, Rz and the share.
+        """Return the columns (..., N, 3) of Rx [N m per m], Rz [N m per m] and the share [N m], in joint torques.
 
-        Rx and Rz: change per metre by the pin's velocity, at link rates that include `turning`. Share: difference
-        between link rates with and without `turning` (see `fault.BaseMotion`).
+        The columns of Rx and Rz are the difference that the velocity of the first pin makes, per metre of R. The column
+        of the share is the difference between link rates with and without `turning`. Both halves are such differences:
+        momentum, whose time derivative is a torque, and static torque.
+
+        moving:  motion of the links (...), with rates relative to a body at rest
+        turning: (...,) pitch rate w of the carrying body [rad/s]
+        base:    (..., N, 3) base parameters (J, X, Z) of the links [kg m^2, kg m, kg m]
         """
-        turned, w = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0])), turning[..., None]
+        pitch, w = np.exp(1j * (moving.q[..., 0] - moving.a[..., 0])), turning[..., None]  # pitch: exp(i phi)
         bodies = _Bodies(machine, np.exp(1j * moving.q), base)
-        still = np.zeros(1, dtype=np.complex128)
-        own, true = bodies.halves(moving.qd, still), bodies.halves(moving.qd + w, still)
-        ways = [bodies.halves(moving.qd + w, 1j * w * (way * turned)[..., None]) for way in (1.0, 1j)]
-        pairs = [(ways[0], true), (ways[1], true), (true, own)]
+        pin_at_rest = np.zeros(1, dtype=np.complex128)
+        without_turning, with_turning = bodies.halves(moving.qd, pin_at_rest), bodies.halves(moving.qd + w, pin_at_rest)
+        # V = i w R exp(i phi) for R = 1 m (Rx) and i m (Rz)
+        with_pin = [bodies.halves(moving.qd + w, 1j * w * (unit * pitch)[..., None]) for unit in (1.0, 1j)]
+        pairs = [(with_pin[0], with_turning), (with_pin[1], with_turning), (with_turning, without_turning)]
         momentum, static = (
             machine.sum_outward @ np.stack([more[k] - less[k] for more, less in pairs], axis=-1) for k in (0, 1)
         )
@@ -70,7 +76,7 @@ class _Bodies:
 
     machine: the machine
     turn:    (..., N) exp(i q) of the links
-    base:    (..., N, 3) base parameters (J, X, Z)
+    base:    (..., N, 3) base parameters (J, X, Z) [kg m^2, kg m, kg m]
 
     With r_j = (X_j + i Z_j) exp(i q_j), the velocity of pin j, P_j = V + sum_{i<j} i qd_i l_i exp(i q_i), the momentum
     of the links beyond, B_j = sum_{k>j} i qd_k r_k, and U_j = conj(r_j) P_j + l_j exp(-i q_j) B_j:
@@ -82,7 +88,7 @@ class _Bodies:
     base: Array
 
     def halves(self, qd: Array, velocity: Complex) -> tuple[Array, Array]:
-        """Return p and -dT/dq of every absolute angle, each (..., N).
+        """Return momentum p [N m s] and -dT/dq [N m] of every absolute angle, each (..., N).
 
         qd:       (..., N) rates [rad/s]
         velocity: (..., 1) complex velocity of the first pin [m/s]

@@ -31,7 +31,7 @@ class Compliance:
             Place.LINK,
             "under load, with the posture",
             "the same poses empty and with a known load, the tip surveyed",
-            1,
+            sign=1,
         )
 
     @property
@@ -43,6 +43,10 @@ class Compliance:
         """Return the signals (T, S) with the joint's angle changed to a + size tau / (1 + (stiffening tau)^2)^(1/4).
 
         tau is the joint's torque from its cylinders' pressures. The same object without an angle sensor.
+
+        values: (T, S) signals without the error [SI]
+        t:      (T,) time [s]
+        size:   compliance of the link [rad/(N m)]
         """
         signal = angle_signal(machine, where)
         if signal is None:

@@ -39,7 +39,7 @@ class RingingCompliance:
             Place.LINK,
             "as a decaying oscillation after starts and stops, and under load with the posture",
             "stop the joint sharply and count the swings of its pressure",
-            1,
+            sign=1,
             form=0.2,  # chosen: its frequency falls as the arm reaches out
         )
 
@@ -50,8 +50,9 @@ class RingingCompliance:
         return ShapeRange("frequency", 0.7, 8.0, log=True), ShapeRange("damping", 0.02, 0.6, log=True)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) of the cylinders per rad/(N m) of c: -(M_j W'' + K_j W) with W the spring's
-        response to tau.
+        """Return the torques (T, N) [N m] of the cylinders per rad/(N m) of c: -(M_j W'' + K_j W).
+
+        W is the spring's response to tau. t (T,) is the time [s]; `where` is the joint with the spring.
         """
         arm = bodies(machine, moving)
         bent, accelerated = resonance(arm.torque(t, where), t, self.frequency, self.damping)

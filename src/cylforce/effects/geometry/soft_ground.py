@@ -37,7 +37,7 @@ class SoftGround:
             Place.MACHINE,
             "in all joints alike, with the reach of the arm and with its starts and stops",
             "the same moves on concrete; or a level on the house, arm in and arm out",
-            1,
+            sign=1,
             form=0.2,  # chosen: soil gives more at its edges, and creeps
         )
 
@@ -47,7 +47,10 @@ class SoftGround:
         return (ShapeRange("height", 0.7, 3.0),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) of the cylinders per rad/(N m): M_j psi'' and K_j psi of a rotation -M_weight."""
+        """Return the torques (T, N) [N m] of the cylinders per rad/(N m): M_j psi'' + K_j psi of a rotation -M_weight.
+
+        M_weight is the overturning moment of the arm's weight about the middle of the tracks.
+        """
         arm = bodies(machine, moving)
         middle = np.exp(1j * (moving.q[:, 0] - moving.a[:, 0])) * -complex(machine.slew_axis, self.height)
         reach, outwards = arm.centres.real - middle.real[:, None], arm.velocity.real

@@ -49,7 +49,11 @@ class CylinderWeight:
 
 
 def _column(machine: Machine, moving: Motion, at: LinkMotion, up: Vector, cylinder: Cylinder) -> list[list[Number]]:
-    """Return the momentum and static column of one cylinder, by joints."""
+    """Return the momentum and static column of one cylinder, both by joints (N), each a number or an array (...).
+
+    at: motion of the links
+    up: gravity and acceleration that act on a mass (`gravity_factor`)
+    """
     turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
     foot, middle = body_point(at, cylinder.linkage.pins[0]), cylinder.length_low / 2.0
     ends = (foot, point_on_line(foot, eye_point(at, cylinder.linkage), middle))

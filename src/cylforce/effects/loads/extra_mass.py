@@ -24,7 +24,7 @@ class ExtraMass:
             Place.LINK,
             "with the posture, at rest too, in this joint and all before it",
             "take it off, or weigh the machine",
-            1,
+            sign=1,
         )
 
     @property

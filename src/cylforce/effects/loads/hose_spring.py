@@ -36,7 +36,7 @@ class HoseSpring:
             Place.LINK,
             "with that joint's angle alone, at rest too, whatever the posture of the others",
             "the same joint angles with the link before it level and upright; look for tight hoses",
-            1,
+            sign=1,
             form=0.1,  # chosen: a loop of hose is no exact spring
         )
 
@@ -46,7 +46,7 @@ class HoseSpring:
         return (ShapeRange("rest", 0.0, 1.0),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) of the cylinders per N m/rad of k: x, or x (x / h)^2, at joint `where`."""
+        """Return the torques (T, N) [N m] of the cylinders per N m/rad of k: x, or x (x / h)^2, at joint `where`."""
         link = machine.links[where]
         half = 0.5 * (link.angle_high - link.angle_low)
         x = np.diff(moving.a, axis=-1, prepend=0.0)[:, where] - link.angle_low - 2.0 * half * self.rest

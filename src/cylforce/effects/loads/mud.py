@@ -8,7 +8,7 @@ from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
-USUAL = 600.0  # s after which the mass is told
+USUAL = 600.0  # s after which the mass is `size`
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Mud:
             Place.LINK,
             "like a mass on the link, more and more as the recording goes on",
             "clean bucket and stick, then the same poses again",
-            1,
+            sign=1,
             form=0.1,  # chosen: it does not grow evenly
         )
 

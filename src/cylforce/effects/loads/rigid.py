@@ -27,7 +27,10 @@ class Rigid:
         return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the momentum and static columns, each (..., N, 3N), in joint torques."""
+        """Return the momentum [N m s] and static columns [N m], each (..., N, 3N), in joint torques.
+
+        They are per unit of J, X and Z, link by link.
+        """
         n, turn, qd = machine.size, np.exp(1j * moving.q), moving.qd
         outer = turn[..., None, :] * np.conj(turn)[..., :, None]  # [j, k] = exp(i (q_k - q_j))
         beyond = machine.reach * outer  # l_j exp(...) for k > j: what row j sees

@@ -51,7 +51,13 @@ class RockerWeight:
 
 
 def _column(machine: Machine, moving: Motion, at: LinkMotion, up: Vector, bar: FourBar) -> list[list[Number]]:
-    """Return the momentum and static column of one linkage, by joints."""
+    """Return the momentum and static column of one linkage, both by joints (N), each a number or an array (...).
+
+    They are per kg m of the bars' first moment.
+
+    at: motion of the links
+    up: gravity and acceleration that act on a mass (`gravity_factor`)
+    """
     turning = float(moving.slew) ** 2 if moving.q.ndim == 1 else moving.slew**2
     columns = [unit_mass_torque(point, up, turning, machine.slew_axis) for point in rocker_points(at, bar)]
     pin, end = columns

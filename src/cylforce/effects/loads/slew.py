@@ -30,7 +30,10 @@ class Slew:
         return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the static columns (..., N, 5N) in joint torques."""
+        """Return the static columns (..., N, 5N) in joint torques, those of J, X, Z, D_excess and E link by link.
+
+        They are [N m] per unit of each parameter.
+        """
         n, lengths, turn = machine.size, machine.lengths, np.exp(1j * moving.a)
         rho = machine.slew_axis + (lengths * turn.real) @ machine.outward
         # c = X + i Z, X sin + Z cos = Im(c e), X cos - Z sin = Re(c e): Re(c u) has the columns Re(u) and -Im(u)
@@ -57,7 +60,7 @@ class Slew:
             Place.MACHINE,
             "while the house turns, as the centrifugal force of all links",
             "the same arm motion with the house still",
-            1,
+            sign=1,
             axes=SHAPES,
         )
 

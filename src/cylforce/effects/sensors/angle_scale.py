@@ -37,15 +37,18 @@ class AngleScale:
         return (ShapeRange("right", 0.0, 1.0),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with signal `where` changed to a + size (a - a_0)."""
+        """Return the signals (T, S) with angle [rad] or length [m] `where` changed to a + size (a - a_0)."""
         found, (low, high) = values.copy(), _range(machine, where)
         found[:, where] += size * (values[:, where] - low - self.right * (high - low))
         return found
 
 
 def _range(machine: Machine, where: int) -> tuple[float, float]:
-    """Return the lowest and highest value of an angle sensor: of its joint's or cylinder's range, else of its own
-    range.
+    """Return the lowest and highest value of an angle [rad] or length sensor [m].
+
+    They are the ends of its joint's or cylinder's range, else of its own range.
+
+    where: number of the signal
     """
     signal = machine.signals[where]
     if signal.kind is Kind.JOINT_ANGLE:

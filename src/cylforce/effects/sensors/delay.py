@@ -24,7 +24,7 @@ class Delay:
         return tuple(Parameter(f"{c.name}.delay", "s") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the static columns (..., N, C): dF/dt times the lever."""
+        """Return the static columns (..., N, C) [N m/s]: dF/dt times the lever."""
         return Halves(None, np.swapaxes(moving.force_rate[..., None] * moving.lever, -1, -2))
 
     @property
@@ -38,7 +38,7 @@ class Delay:
             Place.SENSOR,
             "while the motion changes, nothing at constant speed",
             "quick starts and stops of that joint alone",
-            1,
+            sign=1,
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

@@ -32,9 +32,9 @@ class EncoderEccentricity:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with signal `where` changed to a + size sin(a), or with `across` a + size cos(a).
+        """Return the signals (T, S) with angle `where` changed to a + size sin(a), or with `across` a + size cos(a).
 
-        The same object where the signal is a length.
+        Angles and size are in rad. The same object where the signal is a length.
         """
         if machine.signals[where].kind is Kind.CYLINDER_LENGTH:
             return values

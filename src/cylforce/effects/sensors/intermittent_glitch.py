@@ -44,7 +44,11 @@ class IntermittentGlitch:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with signal `where` changed by size times its range during each jump."""
+        """Return the signals (T, S) with signal `where` changed by size times its range during each jump.
+
+        t:    (T,) time since the start of the recording [s]
+        size: height of the jumps, as a share of the sensor's range
+        """
         signal, found = machine.signals[where], values.copy()
         for begin, length, way in self._when(t):
             inside = slice(*np.searchsorted(t, (begin, begin + length)))
@@ -52,7 +56,7 @@ class IntermittentGlitch:
         return found
 
     def _when(self, t: Array) -> Iterator[tuple[float, float, float]]:
-        """Begin [s], duration [s] and direction of every jump within times t (T,) [s]."""
+        """Yield begin [s], duration [s] and direction (1 or -1) of every jump within times t (T,) [s]."""
         if self.jumps:
             yield from zip(self.jumps[::3], self.jumps[1::3], self.jumps[2::3], strict=True)
             return

@@ -35,11 +35,14 @@ class PressureDrift:
         return (ShapeRange("fading", 0.0, 1.0 / 20.0, log=True, shift=1.0 / 2000.0),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with signal `where` changed to p + size t, t since the start of the recording.
+        """Return the signals (T, S) with pressure `where` changed to p + size t [Pa].
 
-        With `fading` f it is p + size (1 - exp(-f t)) / f. The size is per hour.
+        With `fading` f it is p + size (1 - exp(-f t)) / f.
+
+        t:    (T,) time since the start of the recording [s]
+        size: of the drift [Pa/h]
         """
-        since = -np.expm1(-self.fading * t) / self.fading if self.fading else t
+        drifting_s = -np.expm1(-self.fading * t) / self.fading if self.fading else t
         found = values.copy()
-        found[:, where] += size * since / 3600.0
+        found[:, where] += size * drifting_s / 3600.0
         return found

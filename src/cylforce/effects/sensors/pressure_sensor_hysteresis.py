@@ -36,7 +36,7 @@ class PressureSensorHysteresis:
             Place.PRESSURE,
             "with the sign of the pressure's change, at rest as it was before",
             "raise and lower the pressure in steps, with a second gauge",
-            1,
+            sign=1,
             form=0.1,  # chosen: real loops lie between both forms
         )
 
@@ -46,33 +46,40 @@ class PressureSensorHysteresis:
         return (ShapeRange("opening", 3e5, 100e5, log=True),) if self.opening else ()
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with signal `where` changed to p - error.
+        """Return the signals (T, S) with pressure `where` [Pa] changed to p - error.
 
         A negative size removes the error from a reading.
+
+        t:    (T,) time, evenly spaced [s]
+        size: width of the loop [Pa]
         """
         from scipy.ndimage import uniform_filter1d  # not needed by who reads results of recordings
 
         found, window = values.copy(), 2 * int(self.smoothing / 2.0 * (len(t) - 1) / max(t[-1] - t[0], 1e-9)) + 1
         pressure = uniform_filter1d(values[:, where], window, mode="nearest")
-        still = size < 0.0 and not self.opening
-        found[:, where] -= size / 2.0 * (self._told(pressure, -size) if still else self._branch(pressure, abs(size)))
+        from_reading = size < 0.0 and not self.opening
+        branch = self._branch_of_reading(pressure, -size) if from_reading else self._branch(pressure, abs(size))
+        found[:, where] -= size / 2.0 * branch
         return found
 
-    def _told(self, reading: Array, width: float) -> Array:
-        """Return the branch of readings (T,) [Pa]: that of their last motion, from and to the samples at which they
-        move.
+    def _branch_of_reading(self, reading: Array, width: float) -> Array:
+        """Return the branch (T,) on which a sensor with play reads, from its readings: -1 falling .. 1 rising.
 
-        It is interpolated between them, while the readings are constant and the pressure crosses the play.
+        At a sample at which the reading moves it is the direction of that motion. It is interpolated between these
+        samples, where the reading is constant because the pressure crosses the play.
+
+        reading: (T,) [Pa]
+        width:   of the loop [Pa]
         """
         branch = self._branch(reading, STILL * width)
         moving = np.flatnonzero(np.diff(reading, prepend=reading[0]) * branch * (np.abs(branch) == 1.0) > 0.0)
         return np.interp(np.arange(len(reading)), moving, branch[moving]) if moving.size else branch
 
     def _branch(self, pressure: Array, width: float) -> Array:
-        """Return the position of the reading between both branches (-1 falling .. 1 rising); in the middle at the first
-        sample.
+        """Return the position (T,) of the reading between both branches: -1 falling .. 1 rising, 0 at the first sample.
 
         pressure: (T,) [Pa]
+        width:    of the loop [Pa]
         """
         steps = np.diff(pressure, prepend=pressure[:1])
         if self.opening:

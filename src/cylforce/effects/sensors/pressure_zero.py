@@ -16,5 +16,5 @@ class PressureZero:
         return tuple(Parameter(f"{c.name}.pressure_zero", "N") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the static columns (..., N, C): the levers."""
+        """Return the static columns (..., N, C): the levers [m/rad]."""
         return Halves(None, moving.lever.swapaxes(-1, -2))

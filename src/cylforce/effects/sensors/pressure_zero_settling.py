@@ -36,8 +36,10 @@ class PressureZeroSettling:
         return (ShapeRange("settling", 20.0, 3600.0, log=True),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with signal `where` changed to p + size exp(-t / settling), t since the start of
-        the recording.
+        """Return the signals (T, S) with pressure `where` changed to p + size exp(-t / settling) [Pa].
+
+        t:    (T,) time since the start of the recording [s]
+        size: error at the start [Pa]
         """
         found = values.copy()
         found[:, where] += size * np.exp(-t / self.settling)

@@ -12,8 +12,11 @@ from cylforce.signals.kinds import Kind
 
 @dataclass(frozen=True, slots=True)
 class TiltIgnored:
-    """The measured pitch is too high by a slope of the ground: along the tracks as they stood at the start, or `across`
-    them. The house sees it according to its slew angle."""
+    """The measured pitch is too high by a slope `size` [rad] of the ground.
+
+    The slope is along the tracks as they stood at the start, or `across` them. The pitch contains the part of it in the
+    arm's plane, which turns with the slew angle.
+    """
 
     across: bool = False
 
@@ -34,20 +37,31 @@ class TiltIgnored:
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """Return the signals (T, S) with pitch + size cos(psi), or with `across` pitch + size sin(psi).
 
-        psi is the slew angle since the start of the recording. The same object when the machine has no pitch sensor.
+        psi is the slew angle [rad] since the start of the recording. The same object when the machine has no pitch
+        sensor.
+
+        values: (T, S) signals without the error [SI]
+        t:      (T,) time [s]
+        size:   slope of the ground [rad]
         """
-        place = {s.kind: k for k, s in enumerate(machine.signals)}
-        if Kind.PITCH not in place:
+        columns = {s.kind: k for k, s in enumerate(machine.signals)}
+        if Kind.PITCH not in columns:
             return values
-        turned = _turned(values, t, place)
+        psi = _slewed(values, t, columns)
         found = values.copy()
-        found[:, place[Kind.PITCH]] += size * (np.sin(turned) if self.across else np.cos(turned))
+        found[:, columns[Kind.PITCH]] += size * (np.sin(psi) if self.across else np.cos(psi))
         return found
 
 
-def _turned(values: Array, t: Array, place: dict[Kind, int]) -> Array:
-    if Kind.SLEW_ANGLE in place:
-        return np.asarray(values[:, place[Kind.SLEW_ANGLE]] - values[0, place[Kind.SLEW_ANGLE]])
-    if Kind.SLEW_RATE in place:
-        return np.asarray(np.cumsum(values[:, place[Kind.SLEW_RATE]] * np.gradient(t)))
+def _slewed(values: Array, t: Array, columns: dict[Kind, int]) -> Array:
+    """Return the slew angle (T,) since the first sample [rad], from a sensor of the angle or the rate, else zeros.
+
+    values:  (T, S) signals [SI]
+    t:       (T,) time [s]
+    columns: number of the signal of each kind
+    """
+    if Kind.SLEW_ANGLE in columns:
+        return np.asarray(values[:, columns[Kind.SLEW_ANGLE]] - values[0, columns[Kind.SLEW_ANGLE]])
+    if Kind.SLEW_RATE in columns:
+        return np.asarray(np.cumsum(values[:, columns[Kind.SLEW_RATE]] * np.gradient(t)))
     return np.zeros_like(t)
