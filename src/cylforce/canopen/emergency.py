@@ -14,7 +14,7 @@ HISTORY = 8  # entries of 1003h
 class Emergencies:
     """The present and past errors of a node.
 
-    active: the present errors: EMCY code -> bit in the error register (1001h)
+    active: the present errors: EMCY code -> mask of its bit in the error register (1001h)
     send: sends the 8 bytes of an EMCY message; returns False when the bus cannot take it now, then `flush` sends it
     store: writes a value (index, sub-index, value) into the object dictionary
     """
@@ -37,7 +37,7 @@ class Emergencies:
         """Report an error once until it is repaired; return False if it was present already, or _MOST others are.
 
         code: error code of CiA 301 or FFxxh
-        bit: its bit in 1001h
+        bit: mask of the bit of 1001h that the error sets, such as 10h (communication); 0: only bit 0, set by every one
         info: up to 5 bytes of information
         """
         if code in self.active or len(self.active) >= _MOST:
@@ -49,7 +49,7 @@ class Emergencies:
         return True
 
     def repair(self, code: int) -> bool:
-        """Report that an error is repaired; return False if it was not present."""
+        """Report that the error with an EMCY code is repaired; return False if it was not present."""
         if self.active.pop(code, None) is None:
             return False
         self._mirror()

@@ -70,8 +70,9 @@ def filters() -> tuple[tuple[int, int], ...]:
 
 
 def vehicle_weight(estimate: Estimate) -> bytes:
-    """Return the data of PGN 65258: the net load in steps of 2 kg, a negative one as 0; axle and trailer not
-    available.
+    """Return the data (8 bytes) of PGN 65258: the net load in steps of 2 kg, a negative one as 0.
+
+    Axle and trailer are not available.
     """
     cargo = _digits(estimate.net.value, CARGO_KG)
     return _WEIGHT.pack(0xFF, NOT_AVAILABLE, NOT_AVAILABLE, cargo, 0xFF)
@@ -102,7 +103,13 @@ def totals(truck: float, lifetime: float | None) -> tuple[bytes, ...]:
 
 
 def _digits(value: float, step: float, offset: int = 0) -> int:
-    """Return the two bytes of a value; "not available" for NaN, infinity and too large a value."""
+    """Return a value in steps, as two bytes carry it: round(value / step) + offset, at least 0.
+
+    NaN, infinity and too large a value give "not available".
+
+    value: in the unit of `step`
+    offset: added number of steps
+    """
     if not isfinite(value):
         return NOT_AVAILABLE
     digits = max(0, round(value / step) + offset)
@@ -121,7 +128,7 @@ class J1939:
         self._send, self._claim, self._report = send, claim, report
 
     def claim(self, t_us: int) -> None:
-        """Claim the address, before anything else is sent."""
+        """Claim the address at the time `t_us` [us], before anything else is sent."""
         self._claim = self._claim._replace(since_us=t_us)
         self._send_claim()
 
@@ -142,7 +149,7 @@ class J1939:
             self._contend(int.from_bytes(frame.data, "little"))
 
     def _contend(self, other: int) -> None:
-        """Keep the address, or lose it to a node with a lower NAME `other`."""
+        """Keep the address, or lose it to a node whose NAME `other` is not higher than ours; send the result."""
         if other <= self._claim.name:
             self._claim = self._claim._replace(lost=True)
             self._report(f"J1939 address {self._claim.address} belongs to another node: choose another j1939_address")
@@ -155,12 +162,12 @@ class J1939:
             self._send(identifier(OURS, self._claim.address), error_and_force(estimate))
 
     def publish_totals(self, t_us: int, truck: float, lifetime: float | None) -> None:
-        """Send the totals [kg], if the address is ours."""
+        """Send the totals of truck and lifetime [kg] (`totals`), if the address is ours at the time `t_us` [us]."""
         if self._ours(t_us):
             for data in totals(truck, lifetime):
                 self._send(identifier(PROCESS_DATA, self._claim.address), data)
 
     def _ours(self, t_us: int) -> bool:
-        """Return whether the address was claimed SETTLE_US ago and not lost."""
+        """Return whether at the time `t_us` [us] the address was claimed SETTLE_US ago or more, and not lost."""
         since_us = self._claim.since_us
         return not self._claim.lost and since_us is not None and t_us - since_us >= SETTLE_US

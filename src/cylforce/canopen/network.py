@@ -93,7 +93,7 @@ class Network(canopen.Network):
         self.send(can_id | flags, bytes(data))
 
     def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> Periodic:
-        """Send a message periodically, as canopen.Network; the first one after one period."""
+        """Send a message with a period [s], as canopen.Network; the first one after one period."""
         task = Periodic(self, can_id | (REMOTE if remote else 0), data, period)
         self.periodic.add(task)
         return task

@@ -294,7 +294,7 @@ class Node(Objects):
 
 
 def _fields(pdo: Pdo) -> Iterable[tuple[tuple[int, int], slice]]:
-    """Yield address (index, sub-index) and bytes of each field of a PDO."""
+    """Yield address (index, sub-index) and place of the bytes of each field of a PDO in the PDO's data."""
     at = 0
     for field in pdo.fields:
         yield (field.index, field.sub), slice(at, at + CODES[field.code])

@@ -72,14 +72,14 @@ class Client:
         await self._transfer(index, sub, lambda index, sub: self._download(index, sub, data))
 
     async def read(self, index: int, sub: int, code: str) -> int:
-        """Read an integer of a struct code. Raises SdoError also when it has another length."""
+        """Read an integer object of a struct code, such as "H". Raises SdoError also when it has another length."""
         data = await self.upload(index, sub)
         if len(data) != CODES[code]:
             raise SdoError(f"{self._where(index, sub)} has {len(data)} bytes, {CODES[code]} were expected")
         return int(unpack(f"<{code}", data)[0])
 
     async def write(self, index: int, sub: int, code: str, value: float) -> None:
-        """Write a number of a struct code."""
+        """Write a number object of a struct code, such as "H"; raw, not scaled."""
         await self.download(index, sub, pack(f"<{code}", value))
 
     def _where(self, index: int, sub: int) -> str:
@@ -127,7 +127,7 @@ class Client:
             toggle ^= 0x10
 
     def _check_toggle(self, answer: bytes, toggle: int, index: int, sub: int) -> None:
-        """Abort a segmented transfer whose toggle bit is wrong."""
+        """Abort a segmented transfer whose toggle bit (10h of the answer's first byte) is not `toggle`."""
         if answer[0] & 0x10 != toggle:
             self._abort(index, sub, _TOGGLE)
             raise SdoAbortedError(_TOGGLE)
@@ -163,5 +163,5 @@ class Client:
             self._answers.put_nowait(bytes(data))
 
     def _abort(self, index: int, sub: int, code: int) -> None:
-        """Send the server an abort of a transfer."""
+        """Send the server an abort of a transfer; `code`: abort code of CiA 301."""
         self._network.send(SDO_REQUEST + self._node_id, _HEAD.pack(0x80, index, sub) + pack("<I", code))

@@ -152,7 +152,7 @@ def _check_part(machine: Machine, found: Imposed) -> None:
 
 
 def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
-    """Return the machine with all geometry errors among `effects`."""
+    """Return the machine with all geometry errors among `effects`; the same object where there are none."""
     for each in effects:
         for effect, size in each.members():
             if isinstance(effect, Alteration):

@@ -41,7 +41,7 @@ class BookedBucket(NamedTuple):
     """A booking with further recorded values.
 
     booking: the booking
-    cycle: length of its cycle, time in contact, largest soil force
+    cycle: length of its cycle [s], time in contact [s], largest soil force [N]
     drift: drift of the adaptation [kg]
     status: status of the weight in words
     """
@@ -85,7 +85,7 @@ def restore(connection: sqlite3.Connection, t_us: int) -> Memory:
     """Return the service's memory when it wrote last.
 
     The truck's buckets are those of its bookings. A bucket that was weighed and not yet booked counts as the same at
-    `t_us` [us] if no other can have been filled meanwhile.
+    the present time `t_us` [us] if no other can have been filled meanwhile.
     """
     last = connection.execute(
         "SELECT number, t_us, gross, standard_error, carry_back + zero, standard_error, mass + tare, standard_error "
@@ -130,7 +130,7 @@ def restore(connection: sqlite3.Connection, t_us: int) -> Memory:
 
 
 def write(connection: sqlite3.Connection, start: int, change: Change) -> None:
-    """Write one change as one transaction."""
+    """Write one change as one transaction; `start`: id of the start of the service, as from `begin`."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         _write(connection, start, change)
@@ -155,7 +155,10 @@ def write_audit(connection: sqlite3.Connection, audit: Audit) -> int:
 
 
 def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
-    """Write a change inside a transaction: truck, booking, cancelled buckets, memory, audit entry."""
+    """Write a change inside a transaction: truck, booking, cancelled buckets, memory, audit entry.
+
+    start: id of the start of the service, as from `begin`
+    """
     truck = change.kept.truck
     connection.execute(
         "UPDATE trucks SET closed_us = ? WHERE closed_us IS NULL AND number < ?", (change.t_us, truck.number)
@@ -199,7 +202,11 @@ def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
 
 
 def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: BookedBucket) -> None:
-    """Record a booking; a second time it changes nothing."""
+    """Record a booking, with the net mass [kg]: dumped mass less tare. A second time it changes nothing.
+
+    start: id of the start of the service, as from `begin`
+    kept: memory after the booking: scale (zero and tare [kg]), truck, attachment
+    """
     booking, cycle, scale, truck = booked.booking, booked.cycle, kept.scale, kept.truck
     connection.execute(
         "INSERT OR IGNORE INTO bookings (start, number, t_us, truck, product, part, mass, standard_error, gross, "
@@ -229,7 +236,10 @@ def _book(connection: sqlite3.Connection, start: int, kept: Memory, booked: Book
 
 
 def _finish(connection: sqlite3.Connection, start: int, booking: Booking) -> None:
-    """Replace the weights of a booking by the final ones, once, with the zero and the tare of its time."""
+    """Replace the weights [kg] of a booking by the final ones, once, with the zero and the tare of its time.
+
+    start: id of the start of the service, as from `begin`
+    """
     values = (booking.dumped, booking.dumped_error, booking.mass, booking.carry_back, start, booking.number)
     connection.execute(
         "UPDATE bookings SET mass = ? - tare, standard_error = ?, gross = ?, carry_back = ? - zero, final = 1 "
@@ -239,5 +249,5 @@ def _finish(connection: sqlite3.Connection, start: int, booking: Booking) -> Non
 
 
 def end(connection: sqlite3.Connection, start: int, t_us: int) -> None:
-    """Record that a start has ended properly."""
+    """Record that a start has ended properly, at the time `t_us` [us]; `start`: its id, as from `begin`."""
     connection.execute("UPDATE starts SET ended_us = ?, how = ? WHERE id = ?", (t_us, STOPPED, start))

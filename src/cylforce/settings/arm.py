@@ -230,7 +230,7 @@ class CylinderTable(SettingsTable):
     @field_validator("rod_mm")
     @classmethod
     def _thinner(cls, rod: float, info: ValidationInfo) -> float:
-        """Return the rod's diameter. Raises ValueError unless it is smaller than the bore."""
+        """Return the rod's diameter [mm]. Raises ValueError unless it is smaller than the bore."""
         bore = info.data.get("bore_mm")
         if bore is not None and rod >= bore:
             raise ValueError(f"is {rod:g}, not smaller than bore_mm = {bore:g}: exchange or correct them")
@@ -239,7 +239,7 @@ class CylinderTable(SettingsTable):
     @field_validator("length_range_m")
     @classmethod
     def _single_stage(cls, lengths: tuple[float, float]) -> tuple[float, float]:
-        """Return the lengths. Raises ValueError for a stroke longer than the retracted length."""
+        """Return retracted and extended length [m]. Raises ValueError for a stroke longer than the retracted length."""
         low, high = lengths
         if high >= 2.0 * low:  # the barrel of a single-stage cylinder is longer than its stroke
             raise ValueError(

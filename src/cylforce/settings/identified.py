@@ -258,7 +258,7 @@ def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
 
 
 def _is_covariance(matrix: Array) -> bool:
-    """Return whether a matrix is symmetric and positive, within rounding."""
+    """Return whether a matrix (P, P) is symmetric and positive semidefinite, within rounding."""
     variance = np.diag(matrix)
     if not np.all(variance > 0.0):
         return False

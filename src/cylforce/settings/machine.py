@@ -117,7 +117,10 @@ def _link(file: MachineFile, k: int) -> Link:
 
 
 def _errors(table: LinkTable | AttachmentTable, inertia: float) -> dict[str, float]:
-    """Return the standard errors of a link from its tolerances."""
+    """Return the standard errors of a link from its tolerances: mass [kg], centre [m], inertia [kg m^2], by field.
+
+    inertia: of the link [kg m^2]
+    """
     tolerance = table.tolerance
     return {
         "mass_error": LIMIT * tolerance.mass_percent / 100.0 * table.mass_kg,

@@ -148,7 +148,10 @@ def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[M
 
 
 def _machine(file: MachineFile, good: frozenset[str], findings: Inspection) -> Machine | None:
-    """Return the machine, with its signals where the bus is right, and check it."""
+    """Return the machine, with its signals where the bus is right; errors and warnings are added to `findings`.
+
+    good: names of the sections without an error
+    """
     measured = signals(file, findings) if good >= BUS else ()
     built = machine(file, measured, findings)
     if built is not None:
@@ -161,7 +164,10 @@ def _machine(file: MachineFile, good: frozenset[str], findings: Inspection) -> M
 
 
 def _attachments(file: MachineFile, standard: Machine, findings: Inspection) -> tuple[Attachment, ...]:
-    """Return the machine with each attachment, and check it."""
+    """Return the machine with each attachment; errors and warnings of each are added to `findings`.
+
+    standard: machine with the standard tool
+    """
     attachments = []
     for k, table in enumerate(file.attachments):
         built = attachment(file, k, standard)

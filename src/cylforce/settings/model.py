@@ -36,7 +36,7 @@ def _address(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is 
 
 
 def _not_zero(value: float) -> float:
-    """Return a size of one digit. Raises ValueError for 0."""
+    """Return the size of one digit of a raw value, in the unit of its key. Raises ValueError for 0."""
     if value == 0.0:
         raise ValueError("is 0: give the size of one digit")
     return value

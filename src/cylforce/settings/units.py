@@ -95,7 +95,12 @@ def _wrong(raw: Mapping[str, Any], suffixes: Mapping[str, float], words: tuple[s
 def _unit_faults(
     raw: Mapping[str, Any], suffixes: Mapping[str, float], words: tuple[str, ...], key: Key
 ) -> Iterable[FaultError]:
-    """Yield keys without a unit, with the unit of another quantity, and a range that is missing."""
+    """Yield a fault for each key without a unit or with that of another quantity, and one for a missing range.
+
+    suffixes: units that the keys may have, each with its size in SI
+    words: keys without their units
+    key: key of the table `raw`
+    """
     wrong = _wrong(raw, suffixes, words)
     for name in wrong:
         word = next(word for word in words if name == word or name.startswith(f"{word}_"))
@@ -115,7 +120,13 @@ def _keys(word: str, suffixes: Mapping[str, float]) -> list[str]:
 
 
 def _si(key: Key, value: object, size: float, zero: float) -> object:
-    """Return a number or a range in SI. Raises FaultError."""
+    """Return a number or a range in SI: value size + zero. Raises FaultError.
+
+    key: key of the value
+    value: number or [low, high], in the unit of its key
+    size: size of that unit [SI]
+    zero: SI value of zero in that unit
+    """
     if isinstance(value, list):
         converted = tuple(_si(key, one, size, zero) for one in value)
         if len(value) == 2 and not value[0] < value[1]:

@@ -69,7 +69,7 @@ def _reserved(table: str) -> set[str]:
 
 
 def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
-    """Yield names that are used twice or reserved."""
+    """Yield a fault for each name in the tables of an array that is used twice or reserved."""
     taken = _reserved(table)
     for entry in entries(raw, table):
         name = entry.table.get("name")
@@ -80,7 +80,7 @@ def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
 
 
 def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
-    """Yield node-IDs that are used twice."""
+    """Yield a fault for each node-ID that is used twice."""
     publication = raw.get("publication")
     number = publication.get("node_id", OWN_NODE) if isinstance(publication, dict) else OWN_NODE
     taken = {number: "cylforce's own node"} if isinstance(number, int) else {}
@@ -95,7 +95,7 @@ def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
 
 
 def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
-    """Yield nodes without a sensor."""
+    """Yield a fault for each node without a sensor."""
     used, names = [entry.table.get("node") for entry in entries(raw, "sensors")], _names(raw, "nodes")
     if not all(node in names for node in used):
         return  # a wrong reference may mean any node
@@ -138,7 +138,7 @@ def _place(raw: Raw, key: Key, kind: str, at: str | None) -> Iterator[FaultError
 
 
 def _same_places(raw: Raw) -> Iterator[FaultError]:
-    """Yield sensors that measure the same as another one."""
+    """Yield a fault for each sensor that measures the same as another one."""
     first: dict[tuple[str, str], object] = {}
     for entry in entries(raw, "sensors"):
         kind, at = entry.table.get("kind"), entry.table.get("at", CHASSIS)
@@ -152,7 +152,7 @@ def _same_places(raw: Raw) -> Iterator[FaultError]:
 
 
 def _bodies(raw: Raw) -> Iterator[FaultError]:
-    """Yield bodies of pins that are no link."""
+    """Yield a fault for each pin of a linkage whose body is neither a link nor the chassis."""
     names = _names(raw, "links")
     bodies = (CHASSIS, *names)
     for cylinder in entries(raw, "cylinders"):
@@ -165,7 +165,7 @@ def _bodies(raw: Raw) -> Iterator[FaultError]:
 
 
 def _laws(raw: Raw) -> Iterator[FaultError]:
-    """Yield the faults of the names of friction laws."""
+    """Yield a fault for each unknown name of a friction law, and one where Coulomb friction is missing."""
     table = raw.get("friction")
     laws = table.get("effects") if isinstance(table, dict) else None
     if not isinstance(laws, list):
@@ -181,7 +181,7 @@ def _laws(raw: Raw) -> Iterator[FaultError]:
 
 
 def _columns(raw: Raw) -> Iterator[FaultError]:
-    """Yield columns of recordings that belong to no sensor."""
+    """Yield a fault for each column of recordings that belongs to no sensor."""
     table, names = raw.get("table"), _names(raw, "sensors")
     signals = table.get("signals") if isinstance(table, dict) else None
     for name in signals if names and isinstance(signals, dict) else ():

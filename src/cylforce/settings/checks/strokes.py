@@ -61,7 +61,12 @@ def _check_single(machine: Machine, c: int, findings: Inspection) -> None:
 
 
 def _check_lever(stretch: Stretch, j: int, degrees: Array, joint: str, key: Key, findings: Inspection) -> None:
-    """Check that the lever over the range (SCAN,) keeps its sign, away from a dead point."""
+    """Check that the lever of joint j keeps its sign over the range, away from a dead point.
+
+    stretch: length, lever [m/rad] and transmission of the cylinder at SCAN angles of the joint
+    degrees: (SCAN,) these angles [deg]
+    joint: name of the joint's link
+    """
     lever = stretch.gradient[:, j]
     change = np.flatnonzero(np.diff(np.sign(lever)) != 0)
     if change.size and min(-lever.min(), lever.max()) > LEVER_NOISE * np.abs(lever).max():
@@ -77,7 +82,11 @@ def _check_lever(stretch: Stretch, j: int, degrees: Array, joint: str, key: Key,
 
 
 def _check_ends(machine: Machine, c: int, length: Array, degrees: Array, findings: Inspection) -> None:
-    """Check the cylinder's length (SCAN,) [m] over the joint's range against its end stops."""
+    """Check the cylinder's length over the joint's range against its end stops.
+
+    length: (SCAN,) length of cylinder c [m]
+    degrees: (SCAN,) angles of the joint [deg]
+    """
     cylinder, key = machine.cylinders[c], ("cylinders", c, "linkage")
     joint = machine.links[machine.spans[c][0]].name
     low, high = cylinder.length_low, cylinder.length_high
@@ -103,7 +112,12 @@ def _check_ends(machine: Machine, c: int, length: Array, degrees: Array, finding
 
 
 def _check_reached(joint: str, degrees: Array, share: float, key: Key, findings: Inspection) -> None:
-    """Check the angles of a joint, of all in its range, at which some posture fits the cylinder."""
+    """Check that the angles at which some posture fits the cylinder are a large enough share of a joint's range.
+
+    joint: name of the joint's link
+    degrees: (n,) these angles [deg]
+    share: their share of the joint's range
+    """
     between = f"between {round(degrees.min())} and {round(degrees.max())} deg"
     problem = (
         f"fits its cylinder only with {joint} {between}, {share:.0%} of its angle_range_deg: check the pins, "

@@ -97,14 +97,18 @@ def drive_range(raw: Raw, k: int) -> Range:
 
 
 def _of_envelope(kind: MachineType, s: float) -> Iterator[Figure]:
-    """Yield the figures of the working envelope."""
+    """Yield the figures of the working envelope; `s`: size, times the example's."""
     for key, words in kind.envelope:
         typical = _rounded(kind.pin_height * s) if key == "pin_height_m" else None
         yield Figure(key, words, typical, *(_around(typical, LENGTH) if typical else (0.1, 30.0)))
 
 
 def _of_cylinder(cylinder: Raw, s: float) -> Iterator[Figure]:
-    """Yield the figures of a cylinder."""
+    """Yield the figures of a cylinder: number, bore, rod, stroke, closed length.
+
+    cylinder: table of the example's cylinder
+    s: size of the machine, times the example's
+    """
     name = cylinder["name"]
     yield Figure(f"{name}.count", f"{name}: cylinders side by side", cylinder.get("count", 1), 1, 4, int)
     bore, rod = (_standard(s * cylinder[key]) for key in ("bore_mm", "rod_mm"))
@@ -117,7 +121,7 @@ def _of_cylinder(cylinder: Raw, s: float) -> Iterator[Figure]:
 
 
 def _around(typical: float, factors: Range) -> Range:
-    """Return the limits around a typical value."""
+    """Return the limits around a typical value, in its unit; `factors`: lower and upper limit, times that value."""
     return _rounded(typical * factors[0]), _rounded(typical * factors[1])
 
 
@@ -127,7 +131,7 @@ def _rounded(value: float) -> float:
 
 
 def _standard(mm: float) -> float:
-    """Return a diameter as cylinders are made: in steps of 5 mm."""
+    """Return the nearest diameter [mm] in steps of 5 mm, as cylinders are made, but at least 20 mm."""
     return max(5.0 * round(mm / 5.0), 20.0)
 
 
@@ -153,7 +157,7 @@ def parsed(figure: Figure, text: str) -> Value:
 
 
 def _checked(figure: Figure, number: float) -> float:
-    """Return a number within the limits of a figure. Raises ValueError."""
+    """Return the number of a figure, in the figure's unit. Raises ValueError when it is beyond the figure's limits."""
     if not figure.low <= number <= figure.high:
         raise ValueError(
             f"{figure.key} is {number:g}, machines of this type and size have {figure.low:g} to {figure.high:g}: "
@@ -163,7 +167,7 @@ def _checked(figure: Figure, number: float) -> float:
 
 
 def _checked_range(figure: Figure, given: Range) -> Range:
-    """Return a range within the limits of a figure. Raises ValueError."""
+    """Return the range of a figure, in the figure's unit. Raises ValueError unless it rises, within the limits."""
     if not figure.low <= given[0] < given[1] <= figure.high:
         raise ValueError(
             f"{figure.key} is {given[0]:g}:{given[1]:g}, it must rise and lie within {figure.low:g}:{figure.high:g}: "

@@ -74,7 +74,11 @@ def _move(machine: Machine, tables: dict[str, Any], k: int, inner: Range) -> Non
 
 
 def _misfit(name: str, inner: Range, typical: Range) -> str:
-    """Return the sentence about a cylinder for which no pins fit."""
+    """Return the sentence about a cylinder for which no pins fit.
+
+    inner: lengths that it needs over the joint's range [m]
+    typical: lengths that the typical pins give it [m]
+    """
     required, given = (f"{1e3 * low:.0f}-{1e3 * high:.0f} mm" for low, high in (inner, typical))
     return (
         f"{name}.stroke_mm and {name}.closed_mm require lengths of {required} in the joint's range, typical pins give "
@@ -94,13 +98,13 @@ def _adjustable(shape: Mapping[str, Any]) -> Array:
 
 
 def _ease(shape: Mapping[str, Any]) -> Array:
-    """Return how far each of these numbers changes relative to the others."""
+    """Return how far each number of `_adjustable` may change relative to the others (1: freely)."""
     bars = shape["kind"] != "triangle" and "eye_m" not in shape
     return np.array([1.0, 1.0, STIFF, STIFF] if bars else [1.0, 1.0, 1.0, 1.0])
 
 
 def _set_adjustable(shape: dict[str, Any], x: Array) -> None:
-    """Write the numbers of `_adjustable` into a linkage."""
+    """Write the numbers x [m] of `_adjustable`, in its order, into the table of a linkage."""
     foot, (a, b) = x[:2].tolist(), x[2:].tolist()
     shape["foot"] = {**shape["foot"], "at_m": foot}
     if shape["kind"] == "triangle":
@@ -121,7 +125,7 @@ def _round(shape: dict[str, Any]) -> None:
 
 
 def _problem(machine: Machine, k: int) -> str | None:
-    """Return the fault of cylinder k in its joint's range; None: none."""
+    """Return what is wrong with cylinder k in its joint's range, as the end of a sentence; None: nothing."""
     cylinder = machine.cylinders[k]
     stretch = cylinder.linkage.stretch(machine.pose(range_postures(machine, k)))
     lever = stretch.gradient[:, max(machine.spans[k])]

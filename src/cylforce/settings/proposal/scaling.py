@@ -53,7 +53,7 @@ def proposal(
     _set_ranges(tables, raw, ranges)
     for k in range(len(tables["cylinders"])):
         _set_cylinder(tables, raw, k, values, given, s)
-        narrowed |= _fit(tables, raw, k, ranges, _wanted(values, raw["cylinders"][k], s), given)
+        narrowed |= _fit(tables, raw, k, ranges, _given_lengths(values, raw["cylinders"][k], s), given)
     _set_bus(tables, values)
     force = raw["publication"]["rated_force_n"]
     tables["publication"]["rated_force_n"] = min(
@@ -63,7 +63,10 @@ def proposal(
 
 
 def _set_machine(tables: Tables, values: Values, s: float) -> None:
-    """Set the table of the machine."""
+    """Set name, rated payload, reach and slew axis in the table of the machine.
+
+    s: size of the machine, times the example's
+    """
     machine = tables["machine"]
     machine |= {"name": values["name"], "rated_payload_kg": values["rated_payload_kg"]}
     for key in ("payload_reach_m", "slew_axis_m"):
@@ -77,7 +80,13 @@ def _length(tables: Raw, k: int) -> float:
 
 
 def _set_link(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset[str], s: float) -> None:
-    """Set length, mass, centre of gravity, inertia and tolerances of link k."""
+    """Set length, mass, centre of gravity, inertia and tolerances of link k.
+
+    raw: tables of the type's example
+    values: figures by key
+    given: keys that came from the data sheet
+    s: size of the machine, times the example's
+    """
     link, name = tables["links"][k], tables["links"][k]["name"]
     length, mass = values[f"{name}.length_m"], values[f"{name}.mass_kg"]
     longer, heavier = length / _length(raw, k), mass / link["mass_kg"]
@@ -99,6 +108,10 @@ def _ranges(kind: MachineType, tables: Tables, values: Values, given: frozenset[
     """Return the angle range [deg] of each link as figures give it.
 
     The range of a link whose cylinder reaches over others is measured from the chassis.
+
+    values: figures by key
+    given: keys that came from the data sheet
+    s: size of the machine, times the example's
     """
     lengths = [_length(tables, k) for k in range(len(tables["links"]))]
     wanted = [values[f"{link['name']}.angle_range_deg"] for link in tables["links"]]
@@ -119,10 +132,14 @@ def _set_ranges(tables: Tables, raw: Raw, ranges: list[Range]) -> None:
 def _fit(
     tables: Tables, raw: Raw, k: int, ranges: list[Range], wanted: Range | None, given: frozenset[str]
 ) -> dict[str, Range]:
-    """Fit the pins of cylinder k; return the range that was narrowed for it, by its key, else nothing.
+    """Fit the pins of cylinder k; return the range [deg] that was narrowed for it, by its key, else nothing.
 
     A typical range is narrowed in `ranges` until pins fit. Raises ValueError, with the widest range that fits, where
     the range was given.
+
+    ranges: angle range of each link [deg]
+    wanted: closed and open length of the cylinder [m]; None: not given
+    given: keys that came from the data sheet
     """
     j, start = driven(tables, k), deepcopy(tables["cylinders"][k])
     key, first = f"{tables['links'][j]['name']}.angle_range_deg", ranges[j]
@@ -167,7 +184,13 @@ def _widest_fitting(wanted: Range, fit: Callable[[Range], None]) -> Range | None
 
 
 def _set_cylinder(tables: Tables, raw: Raw, k: int, values: Values, given: frozenset[str], s: float) -> None:
-    """Set dimensions, tolerances and scaled linkage of cylinder k. Raises ValueError."""
+    """Set dimensions, tolerances and scaled linkage of cylinder k. Raises ValueError where rod and bore do not fit.
+
+    raw: tables of the type's example
+    values: figures by key
+    given: keys that came from the data sheet
+    s: size of the machine, times the example's
+    """
     cylinder, name = tables["cylinders"][k], tables["cylinders"][k]["name"]
     count, bore, rod = (values[f"{name}.{key}"] for key in ("count", "bore_mm", "rod_mm"))
     if rod >= bore:
@@ -192,6 +215,7 @@ def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[fl
     The pin keeps its distance, times the size, from the nearer end of its link. In the middle of a link it keeps its
     share of the length.
 
+    s: size of the machine, times the example's
     outer: keep the distance from the outer end, as for a link with a rocker: the same linkage is used on longer and
         shorter links
     """
@@ -206,16 +230,20 @@ def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[fl
     return [s * x if x < NEAR_END * before else x * after / before, s * z]
 
 
-def _wanted(values: Values, cylinder: Raw, s: float) -> tuple[float, float] | None:
+def _given_lengths(values: Values, cylinder: Raw, s: float) -> tuple[float, float] | None:
     """Return closed and open length [m] from the data sheet; None where neither stroke nor closed length is given.
 
     If one of them is missing, it follows from the example: closed length less stroke is scaled with the size.
+
+    values: figures by key, stroke and closed length in mm
+    cylinder: table of the example's cylinder, whose lengths are in m
+    s: size of the machine, times the example's
     """
     stroke, closed = (values[f"{cylinder['name']}.{key}"] for key in ("stroke_mm", "closed_mm"))
     if stroke is None and closed is None:
         return None
     low, high = cylinder["length_range_m"]
-    dead = 1e3 * s * (2.0 * low - high)  # closed length less stroke
+    dead = 1e3 * s * (2.0 * low - high)  # mm, closed length less stroke
     stroke = closed - dead if stroke is None else stroke
     closed = stroke + dead if closed is None else closed
     if not 0.0 < stroke < closed:
