@@ -46,7 +46,12 @@ def laws(model: Model) -> list[Law]:
 
 
 def _body(name: str, place: dict[str, int], mass: float) -> Law:
-    """Return the law J m >= X^2 + Z^2 of a link with a mass of at most `mass` [kg]; `place`: numbers by name."""
+    """Return the law J m >= X^2 + Z^2 of a link.
+
+    name: name of the link
+    place: number of each parameter, by its name
+    mass: largest mass of the link and of all links beyond it [kg]
+    """
     j, x, z = (place[f"{name}.{symbol}"] for symbol in ("J", "X", "Z"))
 
     def margin(values: Array) -> float:
@@ -57,21 +62,24 @@ def _body(name: str, place: dict[str, int], mass: float) -> Law:
 
 
 def _positive(name: str, k: int, scale: float) -> Law:
-    """Return the law that parameter k is not negative; `scale`: its typical size."""
+    """Return the law that parameter k is not negative.
+
+    scale: standard error of the parameter in the data sheet, in the parameter's unit
+    """
     why = "bars weigh something" if name.endswith(".rocker") else "friction cannot push"
     return Law(f"{name}: {why}", lambda values: float(values[k]) / scale)
 
 
 def violations(model: Model, values: Array, error: Array | None = None) -> tuple[str, ...]:
-    """Return the sentences of the laws that parameters break.
+    """Return one sentence for each law that parameters break.
 
-    values: (P,) parameters
-    error: (P,) their standard errors; with them a friction coefficient or the weight of bars breaks its law only when
-        it is below zero by more than SURE standard errors
+    values: (P,) parameters of the empty machine, in the SI units of the model
+    error: (P,) their standard errors; with them a friction coefficient, or the first moment of the bars of a four-bar
+        linkage, breaks its law only when it is below zero by more than SURE standard errors
     """
     if error is not None:
-        friction = np.array([p.name.endswith(NEVER_NEGATIVE) for p in model.parameters])
-        values = np.where(friction & (values < 0.0), np.minimum(values + SURE * error, 0.0), values)
+        never_negative = np.array([p.name.endswith(NEVER_NEGATIVE) for p in model.parameters])
+        values = np.where(never_negative & (values < 0.0), np.minimum(values + SURE * error, 0.0), values)
     return tuple(law.sentence for law in laws(model) if law.margin(values) < 0.0)
 
 

@@ -168,7 +168,11 @@ def _runs(lacks: NDArray[np.bool_]) -> list[slice]:
 
 
 def _gap(plan: Plan, seconds: Array, k: int, part: slice, way: Way, pace: Pace) -> Missing:
-    """Return the missing motion of the k-th driven joint in consecutive bins."""
+    """Return the missing motion of the k-th driven joint in consecutive bins, one way and at one pace.
+
+    seconds: coverage (M, BINS, 2, 2) [s]: joint, bin, way, pace
+    part: the bins
+    """
     low, high = float(plan.edges[k, part.start]), float(plan.edges[k, part.stop])
     recorded, needed = (float(np.sum(table[k, part, way, pace])) for table in (seconds, plan.needed))
     return Missing(joint=plan.joints[k], low=low, high=high, way=way, pace=pace, seconds=recorded, needed=needed)

@@ -114,7 +114,11 @@ def _wrong_bore(model: Model, row: int, area: Explanation) -> Suspicion:
 
 
 def _in_contact(whole: Factors, contacts: Contact, rate_hz: float) -> str:
-    """Return the sentence about contact, with its duration and force."""
+    """Return the sentence about contact, with its duration [s] and largest upward force [kN].
+
+    whole: factors of the blocks of the recording
+    rate_hz: samples a second
+    """
     blocks = contacts.certain | contacts.disturbed
     seconds = float(np.sum(np.max(whole.samples, axis=1)[blocks])) / rate_hz
     size = 1e-3 * float(np.max(contacts.force[contacts.certain], initial=0.0))

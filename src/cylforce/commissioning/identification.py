@@ -168,6 +168,7 @@ def extrapolated_covariance(model: Model, covariance: Array) -> Array:
 def recorded_history(model: Model, segments: Iterable[Array], evidence: list[SignalHistory]) -> Iterator[Array]:
     """Yield the segments unchanged, and update their history as they pass.
 
+    segments: samples (T, S) without gaps [SI]
     evidence: a list of one history, which is replaced
     """
     for segment in segments:
@@ -213,6 +214,9 @@ def _two_steps(model: Model, factors: Factors, noise: Array) -> Fit:
     First, static parameters are fitted to the slower half of the blocks, with inertia and viscous friction fixed at the
     prior means. Then inertia and viscous friction are fitted to all blocks, with the static parameters fixed. The
     covariance between both groups is set to zero.
+
+    factors: factors of the model's columns
+    noise: (R,) rms residual of each torque fitted alone [N m]
     """
     dynamic = [k for k, p in enumerate(model.parameters) if p.name.endswith((".J", ".viscous"))]
     static = [k for k in range(len(model.parameters)) if k not in dynamic]
@@ -230,7 +234,7 @@ def _two_steps(model: Model, factors: Factors, noise: Array) -> Fit:
 
 
 def _marginal(prior: Prior, part: list[int]) -> Prior:
-    """Return the prior of some of the parameters."""
+    """Return the prior of some of the parameters; `part`: their numbers."""
     return Prior(prior.mean[part], prior.covariance[np.ix_(part, part)])
 
 
@@ -252,6 +256,9 @@ def _laws(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...]
     them.
 
     The links' parameters then contain the bars, as in the data sheet.
+
+    factors: factors of the model's columns
+    noise: (R,) rms residual of each torque fitted alone [N m]
     """
     laws, errors = _choose(model, model.friction, factors, noise)
     part = model.with_laws(laws)
@@ -266,11 +273,16 @@ def _choose(
 ) -> tuple[tuple[str, ...], dict[str, float]]:
     """Choose friction laws by cross-validation; return them, and the mean squared prediction error of each law tried.
 
+    The error of a law is that of a fit with it and the laws chosen before, in squared standard errors of the rows.
     Blocks of similar posture form a fold, so that postures are predicted which the fit did not contain. A law is added
     when it improves the prediction by more than two standard errors over the folds. The laws in CERTAIN are always in:
     Coulomb friction; the delay, because every sensor lags, and viscous friction would replace it with too small a
     standard error; load-dependent friction, which the empty machine may not show but the loaded machine has; the bars
     of linkages, which resemble the links' weight on level ground, but not on a slope.
+
+    allowed: laws among which is chosen
+    factors: factors of the model's columns
+    noise: (R,) standard error of each row [N m]
     """
     folds = _folds(model, factors)
     laws = tuple(law for law in allowed if law in CERTAIN) or allowed[:1]
@@ -299,7 +311,14 @@ def _folds(model: Model, factors: Factors) -> Array:
 
 
 def _errors(model: Model, laws: tuple[str, ...], factors: Factors, noise: Array, folds: Array) -> Array:
-    """Return the mean squared prediction error of every fold by a fit of the other folds."""
+    """Return the mean squared prediction error (F,) of each of F folds by a fit of the other folds.
+
+    Its unit is the square of the rows' standard errors.
+
+    factors: factors of B blocks, for all columns of `model`
+    noise: (R,) standard error of each row [N m]
+    folds: (B,) number of the fold of each block
+    """
     part = model.with_laws(laws)
     fewer = chosen(factors, _columns_of(model, part))
     memory = converged(fewer, noise, part.prior).memory

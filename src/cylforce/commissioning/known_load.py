@@ -40,7 +40,7 @@ def with_known_load(
     empty: identification of the empty machine
     segments: samples (T, S) without gaps [SI]
     known_kg: the known weight [kg]
-    estimate_load: function that estimates the load at each step
+    estimate_load: function (model, tares, samples) that returns the load (T-1,) [kg] at each step
     """
     model, tares = empty.model, empty.tares
     pieces = [(piece, estimate_load(model, tares, piece)) for piece in chunks(model, segments)]

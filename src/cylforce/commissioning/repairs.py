@@ -103,8 +103,9 @@ def repairs(case: Case, cylinders: Collection[int]) -> tuple[Repair, ...]:
 
 
 def case_score(case: Case, added: int = 0) -> float:
-    """Return the criterion of a fit of the empty machine to the samples; infinite when a joint that moved is never
-    usable.
+    """Return the information criterion of a fit of the empty machine to the samples; the smaller, the better.
+
+    It is `explained.criterion`, infinite when a joint that moved is never usable.
 
     added: number of sizes that were searched
     """
@@ -201,7 +202,7 @@ def _searches(case: Case, cylinders: Collection[int]) -> Iterator[SizeSearch]:
 
 
 def _read_anew(model: Model, values: Array) -> Case:
-    """Return a case with other readings, unwrapped within the ranges of the joints."""
+    """Return a case with other readings (T, S) [SI], their angles unwrapped within the ranges of the joints."""
     return Case(model, Unwrapping(model.machine).of(values))
 
 
@@ -220,7 +221,7 @@ def _rescaled(case: Case) -> list[Repair]:
 
 
 def _moved(case: Case, k: int, by: float) -> Case:
-    """Return the case with the zero of angle signal k moved [rad]."""
+    """Return the case with the zero of angle signal k moved `by` an angle [rad]."""
     return _read_anew(case.model, _turned(case.values, k, by, 1.0))
 
 
@@ -256,7 +257,7 @@ def _searched(search: SizeSearch) -> Repair:
     from scipy import optimize
 
     def score(size: float) -> float:
-        """Return the criterion for a size, finite also where the case cannot be computed."""
+        """Return the information criterion for a size, finite also where the case cannot be computed."""
         return min(case_score(search.changed(size), 1), HOPELESS)
 
     optimum = optimize.minimize_scalar(score, bounds=search.limits, method="bounded", options={"maxiter": STEPS})
@@ -275,7 +276,7 @@ def _degrees(name: str) -> Callable[[float], str]:
 
 
 def _turned(values: Array, k: int, about: float, sign: float) -> Array:
-    """Return samples with signal k replaced by about + sign * signal."""
+    """Return samples (T, S) with angle signal k replaced by about + sign * signal; `about`: angle [rad]."""
     changed = values.copy()
     changed[:, k] = about + sign * values[:, k]
     return changed

@@ -51,7 +51,13 @@ def without_bars(model: Model, whole: Factors) -> tuple[Model, Factors]:
 
 
 def _suspected(model: Model, whole: Factors, noise: Array, fit: Fit, evidence: SignalHistory) -> Suspicion | None:
-    """Return the first cause that the checks suspect: wiring, then load, contact and piston area, then the scale."""
+    """Return the first cause that the checks suspect: wiring, then load, contact and piston area, then the scale.
+
+    whole: factors with the tool's columns last
+    noise: (R,) rms residual of each torque fitted alone [N m]
+    fit: fit of the model's columns alone
+    evidence: history of the raw signals
+    """
     data = chosen(whole, list(range(len(model.parameters))))
     misfit, fault = wiring.misfit(data, fit.row_error), None
     if misfit > wiring.MISFIT:
@@ -63,7 +69,11 @@ def _suspected(model: Model, whole: Factors, noise: Array, fit: Fit, evidence: S
 
 
 def _misscaled(model: Model, data: Factors, noise: Array) -> Suspicion | None:
-    """Return a suspicion when all pressures are too large or too small by one factor, else None."""
+    """Return a suspicion when all pressures are too large or too small by one factor, else None.
+
+    data: factors of the empty machine
+    noise: (R,) standard error of each measured torque [N m]
+    """
     scale = common_scale(model, data, noise)
     return Suspicion(SCALE, scale.sentence) if scale.is_wrong else None
 
@@ -83,7 +93,7 @@ def better_explanation(case: Case, suspected: Suspicion) -> str:
 def better_sentence(suspected: Suspicion, score: float, others: tuple[Repair, ...]) -> str:
     """Return the sentence of the better explanation; both when neither is decisively better (DECISIVE).
 
-    score:  criterion of the suspicion
+    score:  information criterion of the suspicion (`explained.criterion`); the smaller, the better
     others: corrections with which the recording fits, the best one first
     """
     if score < others[0].score - DECISIVE:
@@ -93,7 +103,12 @@ def better_sentence(suspected: Suspicion, score: float, others: tuple[Repair, ..
 
 
 def suspicion_score(case: Case, suspected: Suspicion, good: tuple[Repair, ...]) -> float:
-    """Return the criterion (`explained.criterion`) of a suspicion; infinite when it does not explain the case."""
+    """Return the information criterion of a suspicion; infinite when it does not explain the case.
+
+    The smaller the criterion (`explained.criterion`), the better the explanation.
+
+    good: corrections with which the case is healthy, among them that of the suspected cause
+    """
     if suspected.cause == "load":
         return _score_with_load(case)
     if suspected.cause == "contact":
@@ -102,7 +117,10 @@ def suspicion_score(case: Case, suspected: Suspicion, good: tuple[Repair, ...]) 
 
 
 def _score_with_load(case: Case) -> float:
-    """Return the criterion of a fit with a load of free mass, moments and inertia."""
+    """Return the information criterion (`explained.criterion`) of a fit with a load of free mass, moments and inertia.
+
+    It is infinite without a usable sample.
+    """
     model = case.model
     data = chosen(observed_factors(model, [case.values], noisy=False), list(range(len(model.parameters))))
     if not np.any(data.samples):
@@ -114,7 +132,10 @@ def _score_with_load(case: Case) -> float:
 
 
 def _score_with_contact(case: Case) -> float:
-    """Return the criterion of a fit with a free force at the tool in every block that shows contact."""
+    """Return the information criterion of a fit with a free force at the tool in every block that shows contact.
+
+    It is infinite without a usable sample in the other blocks.
+    """
     model = case.model
     whole = observed_factors(model, [case.values], noisy=False)
     data = chosen(whole, list(range(len(model.parameters))))

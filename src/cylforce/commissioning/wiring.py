@@ -151,7 +151,10 @@ def _inertial_names(model: Model) -> list[str]:
 
 
 def _off_axis(model: Model, kept: Array) -> str | None:
-    """Return a sentence when the mean acceleration is not gravity at the measured tilt, else None."""
+    """Return a sentence when the mean acceleration is not gravity at the measured tilt, else None.
+
+    kept: latest samples (K, S) [SI]
+    """
     channels = model.channels.read(kept).mean(axis=0)
     forward, upward = channels[model.channels.forces.stop + 1 : model.channels.forces.stop + 3].tolist()
     pitch, roll = channels[-3], channels[-2]
@@ -169,7 +172,10 @@ def _off_axis(model: Model, kept: Array) -> str | None:
 
 
 def _backwards(model: Model, kept: Array) -> str | None:
-    """Return a sentence when the gyro's rate has the opposite sign of the measured pitch's rate, else None."""
+    """Return a sentence when the gyro's rate has the opposite sign of the measured pitch's rate, else None.
+
+    kept: latest samples (K, S) [SI]
+    """
     if not any(s.kind is Kind.PITCH for s in model.machine.signals):
         return None
     pitch_rate = model.channels.turning(kept)[model.settle_steps :]
@@ -183,6 +189,7 @@ def misfit(data: Factors, row_error: Array) -> float:
     """Return the share of the torque that a fit does not explain: rms over the measured torques; infinite without
     any.
 
+    data: factors of the fitted rows
     row_error: (R,) rms residual of the fit [N m]
     """
     samples = np.sum(data.samples, axis=0)

@@ -243,6 +243,7 @@ def chosen(data: Factors, columns: list[int]) -> Factors:
     keep = [*columns, data.triangle.shape[-1] - 1]
 
     def kept(triangle: Array) -> Array:
+        """Return the triangle (..., K+1, K+1) of the kept columns and the observed one."""
         if _is_nothing(triangle):
             return _zeros((*triangle.shape[:-2], len(keep), len(keep)))
         return upper(triangle[..., keep])
@@ -267,8 +268,8 @@ def settled(data: Factors, columns: list[int], values: Array) -> Factors:
     """Return the factors without some columns, whose parameters are fixed and whose part is subtracted.
 
     data:    factors of K columns
-    columns: numbers of the columns to remove
-    values:  value of the parameter of each of them
+    columns: (n,) numbers of the columns to remove
+    values:  (n,) value of the parameter of each of them
     """
     rest = [k for k in range(data.triangle.shape[-1] - 1) if k not in set(columns)]
 

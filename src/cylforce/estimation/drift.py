@@ -50,7 +50,8 @@ def daily_spread(model: Model, values: Array) -> Array:
 def daily_correlation(model: Model) -> Array:
     """Return the prior correlation (D, D) of the drifts from day to day, frictions first, then pressure zeros.
 
-    All frictions follow the same oil, dry and viscous ones less with each other; a zero drifts by itself."""
+    All frictions follow the same oil, dry and viscous ones less with each other; a zero drifts by itself.
+    """
     viscous, friction = _viscous(model), kinds(model) == 0
     alike = np.where(np.equal.outer(viscous, viscous), ONE_OIL, DRY_AND_VISCOUS) * np.outer(friction, friction)
     np.fill_diagonal(alike, 1.0)

@@ -46,7 +46,7 @@ def update(root: Root, columns: Array, observed: Array, variance: Array) -> Root
     root:     information about P parameters so far: triangle U and right-hand side z
     columns:  (rows, P) coefficients of the new rows
     observed: (rows,) observed values
-    variance: (rows,) of the error of each row
+    variance: (rows,) of the error of each row, in the squared unit of `observed`
     """
     weight = 1.0 / np.sqrt(variance)
     size = root.right.size

@@ -132,7 +132,7 @@ def _times(columns: Array, values: Array) -> Array:
 
 
 def _compact(places: list[int]) -> Array | slice:
-    """Return the indices `places` as a slice if they are consecutive and ascending, else as an array.
+    """Return the indices `places` as a slice if they are consecutive and ascending, else as an array (n,).
 
     Indexing with a slice is much faster."""
     if places == list(range(places[0], places[0] + len(places))):

@@ -86,7 +86,12 @@ def _csv_rows(path: Path, lines: Iterator[str], delimiter: str, before: int) -> 
 
 
 def _numbers(path: Path, line: int, row: list[str], positions: list[int], names: list[str]) -> list[float]:
-    """Return the numbers at the positions of a row. Raises RecordingError."""
+    """Return the numbers of the wanted columns of a row; NaN for an empty cell. Raises RecordingError.
+
+    line: number of the row's line
+    positions: places of these columns in the row
+    names: names of these columns
+    """
     try:
         return [float(row[k]) for k in positions]
     except ValueError:
@@ -94,7 +99,11 @@ def _numbers(path: Path, line: int, row: list[str], positions: list[int], names:
 
 
 def _number(path: Path, line: int, cell: str, name: str) -> float:
-    """Return the number in a cell, NaN for an empty one. Raises RecordingError."""
+    """Return the number in a cell, NaN for an empty one. Raises RecordingError.
+
+    line: number of the cell's line
+    name: name of its column
+    """
     try:
         return float(cell.strip() or "nan")
     except ValueError as error:

@@ -78,6 +78,7 @@ def unpacked_state(kinds: Mapping[str, Any], value: JsonValue) -> dict[str, Any]
 
 
 def _packed_elements(value: "NDArray[np.generic] | array[float] | bytes") -> PackedArray:
+    """Return bytes, an array of Python or one of numpy as JSON, the inverse of `_array`."""
     if isinstance(value, bytes):
         data = b64encode(value).decode("ascii")
         return PackedArray(dtype=BYTES, shape=(len(value),), by_columns=False, data=data)
@@ -87,7 +88,7 @@ def _packed_elements(value: "NDArray[np.generic] | array[float] | bytes") -> Pac
 
 
 def _packed_array(values: NDArray[np.generic]) -> PackedArray:
-    """Return an array as JSON."""
+    """Return a numpy array of any shape as JSON, with its elements in their order in memory."""
     by_columns = values.ndim > 1 and abs(values.strides[0]) < abs(values.strides[-1])
     data = b64encode(values.tobytes("F" if by_columns else "C")).decode("ascii")
     return PackedArray(dtype=values.dtype.str, shape=values.shape, by_columns=by_columns, data=data)
@@ -105,7 +106,7 @@ def _with_arrays(value: JsonValue) -> object:
 
 
 def _array(whole: PackedArray) -> "NDArray[np.generic] | array[float] | bytes":
-    """Return the array that was packed."""
+    """Return the bytes or array that were packed, of the same type, shape and order in memory."""
     if whole.dtype == BYTES:
         return b64decode(whole.data)
     order: Literal["C", "F"] = "F" if whole.by_columns else "C"

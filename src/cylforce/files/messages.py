@@ -27,6 +27,7 @@ class _CountedLines(TextIOWrapper):
     number = 0
 
     def __next__(self) -> str:  # type: ignore[override]  # typeshed's base class reads bytes
+        """Return the next line and count it."""
         text = super().__next__()
         self.number += 1
         return text

@@ -93,6 +93,12 @@ def _columns(path: Path, line: int, text: str, joints: Sequence[str]) -> list[st
 
 
 def _numbers(path: Path, line: int, text: str, header: list[str]) -> list[float]:
+    """Return the numbers of a row, in the units of its columns. Raises RecordingError, with the number of its line.
+
+    line: number of the line
+    text: the line
+    header: names of the columns
+    """
     cells = text.split(",")
     if len(cells) != len(header):
         raise RecordingError(f"{path}:{line}: has {len(cells)} cells, the header {len(header)}: give one a column")

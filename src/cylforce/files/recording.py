@@ -99,6 +99,8 @@ def _unwrapped(path: Path, pieces: Iterator[Table], machine: Machine, rate_hz: f
 
     Angles are made continuous before values between two rows are interpolated: such a value would otherwise lie on the
     other side of the circle. Then the turns that the joints require are added.
+
+    rate_hz: samples a second
     """
     unwrapping = Unwrapping(machine)
     for table in _at_rate(path, _continuous(pieces, machine), rate_hz):
@@ -113,7 +115,7 @@ def _continuous(pieces: Iterator[Table], machine: Machine) -> Iterator[Table]:
 
 
 def _at_rate(path: Path, pieces: Iterator[Table], rate_hz: float) -> Iterator[Table]:
-    """Yield the samples at a fixed rate. Raises RecordingError for too few rows a second."""
+    """Yield the samples of a table at a fixed rate [Hz]. Raises RecordingError for too few rows a second."""
     try:
         yield from resampled(pieces, rate_hz)
     except SlowTableError as error:

@@ -116,7 +116,8 @@ def _columns(signals: Sequence[str], mapping: TableMap | None) -> list[ColumnMap
 def _check(path: Path, cells: Cells, names: list[str], last: float) -> None:
     """Raise RecordingError for an infinite value in a piece, or a time that does not increase.
 
-    last: time of the row before the piece, as in the file
+    names: names of the columns, of which the first is the time
+    last: time of the row before the piece, in the unit of the file; -inf: none
     """
     infinite = np.argwhere(np.isinf(cells.numbers))
     if len(infinite):
@@ -160,12 +161,18 @@ def resample(table: Table, rate_hz: float) -> Table:
 
     Values within a gap of more than GAP_PERIODS periods are NaN, and so are values beside a NaN. Raises SlowTableError
     when the table's own rate is so low that all of it would be such a gap.
+
+    rate_hz: samples a second; a period is 1 / rate_hz
     """
     return joined(list(resampled([table], rate_hz)))
 
 
 def resampled(pieces: Iterable[Table], rate_hz: float) -> Iterator[Table]:
-    """Resample a table in pieces as `resample`; its own rate is that of its first piece."""
+    """Resample a table in pieces as `resample`; its own rate is that of its first piece.
+
+    pieces: consecutive parts of one table
+    rate_hz: samples a second
+    """
     recent: Table | None = None
     start, done = 0.0, 0
     for piece in pieces:
@@ -183,7 +190,7 @@ def resampled(pieces: Iterable[Table], rate_hz: float) -> Iterator[Table]:
 
 
 def _check_rate(table: Table, rate_hz: float) -> None:
-    """Raise SlowTableError for too few rows a second."""
+    """Raise SlowTableError for too few rows a second to resample a table at a rate [Hz]."""
     steps = np.diff(table.t_s)
     if len(steps) and np.median(steps) > _widest(rate_hz):
         raise SlowTableError(

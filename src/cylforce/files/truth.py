@@ -86,6 +86,7 @@ class TruthWriter:
     """
 
     def __init__(self, path: Path, header: dict[str, JsonValue], names: Iterable[str]) -> None:
+        """Open the file and write its header. Raises RecordingError when the disk refuses."""
         self._path = path
         try:
             self._file = path.open("w", encoding="utf-8", newline="", buffering=1)

@@ -127,6 +127,7 @@ def resonance(course: Array, t: Array, frequency: float, damping: float) -> tupl
     poles = np.array([1.0, 2.0 * damping * w, w * w])
 
     def run(zeros: tuple[float, ...]) -> Array:
+        """Return the output (T,) of the filter with this numerator in s, settled at the first sample."""
         numerator, denominator, _ = cont2discrete((np.array(zeros), poles), step, method="foh")
         b = numerator.ravel()
         return np.asarray(lfilter(b, denominator, course, zi=lfilter_zi(b, denominator) * course[0])[0])

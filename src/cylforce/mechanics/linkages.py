@@ -73,7 +73,7 @@ class Linkage(Protocol):
         ...
 
     def stretch(self, at: Pose) -> Stretch:
-        """Return length, gradient and transmission at a pose; NaN where the linkage cannot be closed."""
+        """Return length [m], gradient [m/rad] and transmission at a pose; NaN where the linkage cannot be closed."""
         stretch = Linkages((self,)).stretch(at)
         return Stretch(stretch.length[..., 0], stretch.gradient[..., 0, :], stretch.transmission[..., 0])
 
@@ -118,7 +118,7 @@ class Linkages:
         return [part.start for part in self._pins_of_linkage]
 
     def stretch(self, at: Pose) -> Stretch:
-        """Return lengths (..., C), gradients (..., C, N) and transmissions (..., C) at a pose."""
+        """Return lengths (..., C) [m], gradients (..., C, N) [m/rad] and transmissions (..., C) at a pose."""
         pins = points(at, fixed(self._pins, at.turn.shape[-1] - 1))
         with np.errstate(divide="ignore", invalid="ignore"):  # infinite or NaN at and beyond a dead point
             eye, transmission = self._driven(pins)
@@ -162,11 +162,11 @@ class Triangle(Linkage):
         return Eye(pins.place[..., 1], pins.gradient[..., 1, :], 1.0)
 
     def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
-        """Return the second pin as the eye."""
+        """Return the second pin [m] and its derivative [m/rad] as the eye."""
         return places[1], moved[1]
 
     def places(self, at: Pose) -> dict[str, Complex]:
-        """Return foot and eye."""
+        """Return the places (...,) [m] of foot and eye, by name."""
         place = points(at, fixed(self.pins, at.turn.shape[-1] - 1)).place
         return {"foot": place[..., 0], "eye": place[..., 1]}
 
@@ -207,7 +207,13 @@ class FourBar(Linkage):
         return Eye(place, gradient, np.abs(sine) / (self.rocker_length * self.link_length))
 
     def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
-        """Return the eye, as in `driven`."""
+        """Return the eye [m] and its derivative by one joint angle [m/rad], as `driven` of plain numbers.
+
+        NaN where the linkage cannot be closed.
+
+        places: of foot, rocker pin and link pin [m]
+        moved:  their derivatives [m/rad]
+        """
         base, apart = places[2] - places[1], moved[2] - moved[1]
         span = abs(base)
         along = (span * span + (self.rocker_length**2 - self.link_length**2)) / (2.0 * span)
@@ -220,7 +226,10 @@ class FourBar(Linkage):
         return places[1] + self.eye * arm, moved[1] + 1j * self.eye * arm * spin
 
     def places(self, at: Pose) -> dict[str, Complex]:
-        """Return foot, rocker pin, link pin, rocker end, and the cylinder's eye where it is not the rocker's end."""
+        """Return the places (...,) [m] of foot, rocker pin, link pin, rocker end, by name.
+
+        The cylinder's eye is among them where it is not the rocker's end.
+        """
         place = points(at, fixed(self.pins, at.turn.shape[-1] - 1)).place
         arm = self.arm(place[..., 2] - place[..., 1])
         places = {"foot": place[..., 0], "rocker pin": place[..., 1], "link pin": place[..., 2]}

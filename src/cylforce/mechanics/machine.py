@@ -228,7 +228,7 @@ class Machine:
         return tuple(self._table(c) for c in range(len(self.cylinders)))
 
     def _table(self, c: int) -> tuple[Array, Array] | None:
-        """Return the table of cylinder c, None where it acts on several joints."""
+        """Return the table (lengths [m], joint angles [rad]) of cylinder c, None where it acts on several joints."""
         if len(self.spans[c]) != 1:
             return None
         (j,) = self.spans[c]
@@ -260,9 +260,13 @@ class Machine:
         return theta[..., j]
 
     def _one_joint_angle(self, c: int, j: int, length: float, table: tuple[Array, Array]) -> float:
-        """Return `joint_angle` of one length: arrays of one element take ten times as long as plain numbers.
+        """Return `joint_angle` [rad] of one length [m]: arrays of one element take ten times as long as plain numbers.
 
-        The bodies of the joint are seen from the one before it, whatever the other joints' angles.
+        Pins are placed in the frame of the body before the joint, so that the other joints' angles do not count.
+
+        c: number of the cylinder
+        j: number of the joint on which it acts
+        table: lengths [m] and joint angles [rad] for the first guess, see `tables`
         """
         linkage, joint = self.cylinders[c].linkage, complex(self.lengths[j - 1]) if j else 0j
         angle = float(np.interp(length, *table, left=np.nan, right=np.nan))

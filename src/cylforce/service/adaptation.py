@@ -85,7 +85,7 @@ class DriftConstants(Constants):
     spread:      (D,) prior standard errors of the drift
     correlation: (D, D) prior correlation of the drift
     deviation:   (4,) standard errors of a return's load less the usual one [kg, kg m, kg m, kg m^2]
-    usual:       (4,) load of one kilogram of the usual amount
+    usual:       (4,) load (m, m x, m z, J) of one kilogram of the usual amount [kg, kg m, kg m, kg m^2]
     layout:      names of the places in the kernel's results
     memory:      number of updates that count as one independent measurement
     """

@@ -166,6 +166,7 @@ class BookingConstants(Constants):
     """
 
     def __init__(self, tares: Tares, rated: float, rate_hz: float) -> None:
+        """Compute the constants; `rated`: payload [kg], `rate_hz`: samples a second."""
         self.tares, self.rated, self.parameters = tares, rated, len(tares.values)
         self.every = round(LATER_S * rate_hz)
         self.reported = tares._replace(scale_error=tares.reported_scale_error)

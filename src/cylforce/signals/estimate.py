@@ -113,7 +113,7 @@ def invalid(reason: Reason) -> Quantity:
 
 
 def less(quantity: Quantity, by: float) -> Quantity:
-    """Return the quantity with its value reduced `by` a known number."""
+    """Return the quantity with its value reduced `by` an exactly known number in its unit, such as a tare [kg]."""
     if not by:
         return quantity
     return Quantity(quantity.value - by, quantity.standard_error, quantity.status, quantity.reason)
@@ -302,6 +302,7 @@ def held_estimate(last: Estimate, t_us: int, reason: Reason) -> Estimate:
     """
 
     def held(quantity: Quantity) -> Quantity:
+        """Return the quantity with the status HOLD and the reason; an INVALID one unchanged."""
         if quantity.status is Status.INVALID:
             return quantity
         return Quantity(quantity.value, quantity.standard_error, Status.HOLD, reason)

@@ -70,7 +70,7 @@ class Pdo(NamedTuple):
 
 @cache
 def not_available(code: str) -> int | float:
-    """Return the raw value that means "no value" for a `struct` code.
+    """Return the raw value, before scale and offset, that means "no value" for a `struct` code.
 
     It is NaN, the most negative signed or the largest unsigned integer."""
     bits = 8 * CODES[code]

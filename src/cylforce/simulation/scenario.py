@@ -135,7 +135,10 @@ def of_joints(machine: Machine, scene: Scene) -> Scene:
 
 
 def _headway(machine: Machine, ranges: Array) -> Scene:
-    """Return the scene before the first cycle: an empty move to HOME."""
+    """Return the scene before the first cycle: an empty move to HOME (to LOADER_HOME on a wheel loader).
+
+    ranges: (N, 2) working ranges of the joints [rad]
+    """
     begin, courses = posture_at(machine, (0.55, 0.5, 0.5)), []
     home = LOADER_HOME if is_loader(machine) else HOME
     for j in range(machine.size):
@@ -145,7 +148,12 @@ def _headway(machine: Machine, ranges: Array) -> Scene:
 
 
 def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, swing: bool) -> Scene:
-    """Return one random digging cycle from the posture `begin` (N,) [rad]."""
+    """Return one random digging cycle.
+
+    ranges: (N, 2) working ranges of the joints [rad]
+    begin: (N,) posture from which it starts [rad]
+    swing: the house turns while the load is lifted, and back afterwards
+    """
     stretch = float(rng.uniform(0.96, 15.0 / NOMINAL))
     courses = []
     for j in range(machine.size):
@@ -175,6 +183,9 @@ def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tupl
     """Return the strokes of joint j to targets given as fractions of its range.
 
     A stroke that its cylinder cannot make in time is shortened.
+
+    ranges: (N, 2) working ranges of the joints [rad]
+    begin: (N,) posture at the start [rad]
     """
     low, high = ranges[j]
     posture, steps = begin.copy(), []

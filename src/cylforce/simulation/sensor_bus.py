@@ -75,7 +75,11 @@ def _window(before: Window | None, record: Record) -> Window:
 
 
 def _clocked(service: Service, record: Record, start_us: int) -> Iterator[Event]:
-    """Yield ticks, each followed by the synchronous PDOs that answer its SYNC."""
+    """Yield ticks, each followed by the synchronous PDOs that answer its SYNC.
+
+    record: part of the run, with times from its start [s] and sensor values [SI]
+    start_us: time of the start of the run [us]
+    """
     names = [signal.name for signal in service.machine.signals]
     pdos = [pdo for node in service.nodes for pdo in node.pdos if pdo.synchronous]
     for t, row in zip(record.t.tolist(), record.values.tolist(), strict=True):
@@ -88,7 +92,11 @@ def _clocked(service: Service, record: Record, start_us: int) -> Iterator[Event]
 
 
 def _heartbeats(nodes: tuple[SensorNode, ...], window: Window, start_us: int) -> Iterator[Event]:
-    """Yield the heartbeats of all nodes in a part of the run."""
+    """Yield the heartbeats of all nodes in a part of the run, at whole multiples of each node's period.
+
+    window: part of the run, with times from its start [s]
+    start_us: time of the start of the run [us]
+    """
     for node in nodes:
         if node.heartbeat_s > 0:
             first = int(np.floor(window.begin / node.heartbeat_s)) + 1
@@ -101,7 +109,7 @@ class _Timer:
     """An event timer that is not synchronised.
 
     pdo: the PDO that it sends
-    due: time at which it is sent next [s]
+    due: time at which it is sent next, from the start of the run [s]
     """
 
     def __init__(self, pdo: Pdo, first: float) -> None:
@@ -125,7 +133,13 @@ def _timer(pdo: Pdo, rng: np.random.Generator) -> _Timer:
 def _free_running(
     service: Service, properties: Sensors, timer: _Timer, window: Window, *, start_us: int, rng: np.random.Generator
 ) -> Iterator[Event]:
-    """Yield the frames of a PDO at the times of its own timer, with the sensor's values at those times."""
+    """Yield the frames of a PDO at the times of its own timer, with the sensor's values at those times.
+
+    properties: noise and resolution of the sensors
+    window: part of the run, with times from its start [s] and values before noise [SI]
+    start_us: time of the start of the run [us]
+    rng: generator of jitter and noise
+    """
     times = timer.until(float(window.t[-1]), rng)
     analog = [np.interp(times, window.t, column) for column in window.analog.T]
     names = [signal.name for signal in service.machine.signals]

@@ -116,8 +116,8 @@ def draw_truth(
     Friction and return-line loss are drawn in proportion to piston areas. The ground is level where no sensor measures
     the tilt.
 
-    mass_error: fraction by which masses differ from the machine file, up or down; centres and inertias differ in
-        addition by up to half of it
+    mass_error: share of its mass by which each link differs from the machine file, up or down; its centre and inertia
+        differ in addition by up to half of that share
     effects: further differences from the model
     """
     signs = rng.choice((-1.0, 1.0), machine.size)

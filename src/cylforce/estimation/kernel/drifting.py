@@ -64,7 +64,7 @@ class KernelDrift:
     low, high: (D,) limits of the drift
     row_error: (R,) standard error of each row [N m]
     alike:     (D, D) inverse of the prior correlation of the drifts, none between kinds
-    usual:     (4,) load of one kilogram of the usual carry-back
+    usual:     (4,) load (m, m x, m z, J) of one kilogram of the usual carry-back [kg, kg m, kg m, kg m^2]
 
     Room for intermediate results:
     good:      (R,) rows to use

@@ -281,7 +281,7 @@ def mass_slopes(
     Read:
     lift_gram:  (G, G) sum of the equations' products over the ended blocks of a lift
     block_gram: (G, G) sum over the running block
-    prior:      (4,) diagonal of the prior information on the load
+    prior:      (4,) diagonal of the prior information (inverse variances) on the load (m, m x, m z, J)
 
     Written:
     work:       (32,) room for A, of which the lower triangle is computed, and A^-1

@@ -280,14 +280,16 @@ def unexplained_torque(
     """Compute the torque of an instant that the load of a lift does not explain either, and the parameters of machine
     and load together.
 
+    The load is the estimate (m, m x, m z, J) [kg, kg m, kg m, kg m^2] for zero drift. A load adds to some of the tares.
+
     Read:
-    rows:        (R, K) columns; then (R,) measured torques [N m]
+    rows:        (R, K) columns, of which the first P are those of the tares; then (R,) measured torques [N m]
     residual:    of the instant (`residual_torque`), of which only the (R,) torque [N m] is used
-    lift:        state of the lift (`LiftLayout`), of which the load (4,) is used
+    lift:        state of the lift (`LiftLayout`), of which the estimate (4,) of the load is used
 
     Written:
     unexplained: (R,) residual torque less that of the load [N m]
-    values:      (P,) tares with the load added
+    values:      (P,) tares with the load added, in the units of the tares
     """
     load_columns = s.work
     columns_of_load(s, rows, s.k, load_columns)

@@ -40,6 +40,7 @@ class Lateness:
     """
 
     def __init__(self, delay_s: float, dt: float) -> None:
+        """Compute the constants; `dt`: time between two samples [s]."""
         self.delay_s = delay_s
         self.steps = max(1, round(delay_s / dt))
         self.share = delay_s / (self.steps * dt)

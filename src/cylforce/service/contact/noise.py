@@ -57,7 +57,7 @@ class NoiseConstants(Constants):
     """Constants of the torque errors of one machine.
 
     layout:  names of the places in the kernel's results
-    size:    of the part of the state that an interruption clears
+    size:    count of numbers in the part of the state that an interruption clears (`TorqueNoise.numbers`)
     learned: (R,) prior variance of each row [N^2 m^2]
     """
 

@@ -61,7 +61,7 @@ class Lift(Estimator):
     def start(cls, spread: Array, parameters: int, rows: int, *, mixed: bool = False) -> Self:
         """Return a lift without samples: the recursive estimate of a load (m, m x, m z, J) before its first row.
 
-        spread:     (4,) prior standard errors of a load
+        spread:     (4,) prior standard errors of a load [kg, kg m, kg m, kg m^2]
         parameters: P + D, number of tares and drifts
         rows:       R, number of measured torques
         mixed:      whether the filters still contain another motion
@@ -86,12 +86,12 @@ class Lift(Estimator):
 
     @property
     def values(self) -> Array:
-        """Estimate (4,) of the load."""
+        """Estimate (4,) of the load (m, m x, m z, J about the last pin) [kg, kg m, kg m, kg m^2]."""
         return part(self.numbers, LIFT.values)
 
     @property
     def covariance(self) -> Array:
-        """Covariance (4, 4) of the load."""
+        """Covariance (4, 4) of the load, in the units of `values`."""
         return part(self.numbers, LIFT.covariance).reshape(4, 4)
 
     @property

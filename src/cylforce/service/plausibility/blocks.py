@@ -252,7 +252,7 @@ class BlockGatherer(Estimator):
     """Samples of motion, gathered into blocks.
 
     constants: of the machine
-    load:      (4,) estimated in the previous block; zero in contact
+    load:      (4,) load (m, m x, m z, J) estimated in the previous block [kg, kg m, kg m, kg m^2]; zero in contact
     gram:      (K, K) products of the running block's rows [load | changes of friction and zeros | errors | residual],
                flat
     last:      (K, K) products of the previous block's rows
