@@ -121,14 +121,21 @@ def coverage(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
 
 
 def _bin(edges: Array, angle: Array) -> NDArray[np.intp]:
-    """Return the number of the bin of each angle; the outermost bins take the angles beyond them."""
+    """Return the number of the bin of each angle (n,) [rad]; the outermost bins take the angles beyond them.
+
+    edges: (BINS + 1,) limits of the bins, ascending [rad]
+    """
     return np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, BINS - 1)
 
 
 def planes(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
     """Return the time (M-1, BINS, BINS) [s] in motion, per pair of bins of two neighbouring driven joints.
 
-    The arguments are those of `coverage`; time counts while any cylinder moves.
+    Time counts while any cylinder moves.
+
+    posture: (T, N) angles of `drive` [rad]; NaN: unknown
+    speed: (T, C) cylinder speeds [m/s]
+    dt: time between two samples [s]
     """
     moves = np.logical_and(np.any(np.abs(speed) > plan.rest, axis=1), np.all(np.isfinite(posture), axis=1))
     parts = [_bin(edges, posture[moves, j]) for edges, j in zip(plan.edges, plan.joints, strict=True)]

@@ -100,8 +100,11 @@ def cost(tares: Tares, expected: Expected) -> Array:
 
 
 def _weight(model: Model, rows: Residual, correlation: float) -> Array:
-    """Return the weight (POINTS, ..., R) of each row: the number of samples that a point represents over their
-    variance.
+    """Return the weight (POINTS, ..., R) [1/(N m)^2] of each row: number of independent samples over their variance.
+
+    A point represents WEIGHED_S / POINTS of motion. An unusable row has the weight 0.
+
+    correlation: measured correlation time of the residual [s]; 0: not measured
     """
     f = model.filters
     variance = correlated_samples(f, correlation) * rows.variance + REST_SECONDS * f.rate_hz * rows.rest
@@ -112,6 +115,8 @@ def posture_residual(model: Model, tares: Tares, theta: Array) -> Residual:
     """Return the residual of a rated payload at POINTS instants (POINTS, ..., R) about each posture.
 
     The variance is infinite where a row is unusable.
+
+    theta: (..., N) joint angles of the postures [rad]
     """
     path, rate = _path(model.machine, theta)
     load = model.load @ _payload(model.machine)
@@ -133,15 +138,20 @@ def _columns(model: Model, moved: Moved) -> Array:
 
 
 def _payload(machine: Machine) -> Array:
-    """Return (m, m x, m z, J) of a rated payload in the last link's frame, its centre towards the tool."""
+    """Return the load (m, m x, m z, J) [kg, kg m, kg m, kg m^2] of a rated payload, its centre towards the tool.
+
+    Moments and inertia are about the last pin, in the frame of the last link.
+    """
     centre = FILLED * machine.payload_reach * machine.tool / abs(machine.tool)
     return machine.rated_payload * np.array([1.0, centre.real, centre.imag, abs(centre) ** 2])
 
 
 def _path(machine: Machine, theta: Array) -> tuple[Array, Array]:
-    """Return angles [rad] and rates [rad/s] (POINTS, ..., N) during WEIGHED_S about postures `theta`.
+    """Return angles [rad] and rates [rad/s] (POINTS, ..., N) during WEIGHED_S about postures.
 
     The arm lifts and reaches out, the tool curls.
+
+    theta: (..., N) joint angles of the postures [rad]
     """
     rate = np.zeros_like(theta)
     lever = np.abs(machine.geometry(theta).lever)
@@ -164,8 +174,11 @@ def _speed(machine: Machine, c: int) -> float:
 
 
 def _moved(model: Model, theta: Array, rate: Array, force: Array) -> Moved:
-    """Return the motion on level ground with cylinder forces (..., C) [N], from four samples as `Channels` computes
-    it.
+    """Return the motion on level ground, from four samples as `Channels` computes it.
+
+    theta: (..., N) joint angles [rad]
+    rate:  (..., N) joint rates [rad/s]
+    force: (..., C) cylinder forces [N]
     """
     half, level = rate * (model.channels.dt / 2.0), np.zeros((*theta.shape[:-1], 3))
     samples = [np.concatenate([theta + place * half, force, level], axis=-1) for place in (-3.0, -1.0, 1.0, 3.0)]

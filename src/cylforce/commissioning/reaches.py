@@ -96,7 +96,11 @@ def next_reach(
 
 
 def _seconds(machine: Machine, plan: Plan, posture: Array, target: Array) -> float:
-    """Return the duration of a move [s], at least 1 s, whose fastest cylinder has the speed BRISK."""
+    """Return the duration of a move [s], at least 1 s: its fastest cylinder moves at BRISK times its fast pace.
+
+    posture: (N,) present angles of `drive` [rad]; NaN: unknown
+    target: (N,) angles of `drive` at the end [rad]
+    """
     ends = np.array([np.where(np.isnan(posture), target, posture), target])
     begin, end = machine.geometry(joint_angles(machine, ends)).length
     travel = np.abs(end - begin)[list(plan.cylinders)]

@@ -153,14 +153,20 @@ def _hold(machine: Machine, stroke: Stroke) -> Array:
 
 
 def _seconds(machine: Machine, plan: Plan, stroke: Stroke, hold: Array) -> float:
-    """Return the duration of a stroke [s] at the speed of its pace."""
+    """Return the duration of a stroke [s] at the speed of its pace.
+
+    hold: (N,) angles of `drive` of the other joints [rad]
+    """
     k = plan.joints.index(stroke.joint)
     begin, end = _lengths(machine, plan.cylinders[k], stroke, hold)
     return abs(end - begin) / (SPEED[stroke.pace] * float(plan.fast[k]))
 
 
 def _lengths(machine: Machine, c: int, stroke: Stroke, hold: Array) -> tuple[float, float]:
-    """Return the lengths [m] of cylinder c at start and end of the stroke."""
+    """Return the lengths [m] of cylinder c at start and end of the stroke.
+
+    hold: (N,) angles of `drive` of the other joints [rad]
+    """
     theta = np.array([hold, hold])
     theta[:, stroke.joint] = stroke.begin, stroke.end
     begin, end = machine.geometry(joint_angles(machine, theta)).length[:, c]
@@ -180,7 +186,7 @@ def sentence(machine: Machine, plan: Plan, stroke: Stroke) -> str:
 
 
 def _share(machine: Machine, c: int, length: float) -> str:
-    """Return a cylinder's position in words: an end, or per cent of its stroke."""
+    """Return the position of cylinder c at a length [m] in words: an end, or per cent of its stroke."""
     cylinder = machine.cylinders[c]
     share = (length - cylinder.length_low) / (cylinder.length_high - cylinder.length_low)
     if share < 0.05:

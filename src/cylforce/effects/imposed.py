@@ -126,12 +126,14 @@ def _named(machine: Machine, name: str, at: str, library: tuple[Group, ...]) -> 
     return next((group for group in found if at in dict(places(machine, group[0].about.place))), found[0])
 
 
-def _check(found: Imposed) -> None:
+def _check(candidate: Imposed) -> None:
     """Raise ValueError unless the number of sizes is right and their magnitude and sign are plausible."""
-    about, wanted, sizes = found.group[0].about, units(found.group), found.sizes
+    about, wanted, sizes = candidate.group[0].about, units(candidate.group), candidate.sizes
     name = about.name
-    if not 0.0 <= found.begin < found.end:
-        raise ValueError(f"effect {name!r} from {found.begin:g} s until {found.end:g} s: it must begin before it ends")
+    if not 0.0 <= candidate.begin < candidate.end:
+        raise ValueError(
+            f"effect {name!r} from {candidate.begin:g} s until {candidate.end:g} s: it must begin before it ends"
+        )
     if len(sizes) != len(wanted):
         raise ValueError(f"effect {name!r} wants {len(wanted)} value(s) ({', '.join(wanted)}), not {len(sizes)}")
     if not hypot(*sizes[: about.axes]) <= BEYOND * about.high:
@@ -140,15 +142,17 @@ def _check(found: Imposed) -> None:
         raise ValueError(f"effect {name!r} of {sizes[0]:g} {about.unit}: only the other sign can be")
 
 
-def _check_part(machine: Machine, found: Imposed) -> None:
+def _check_part(machine: Machine, candidate: Imposed) -> None:
     """Raise ValueError when the machine lacks the component, or the sensor that would read the error."""
-    effect, values = found.group[0], np.zeros((2, len(machine.signals)))
+    effect, values = candidate.group[0], np.zeros((2, len(machine.signals)))
     t = np.array([0.0, 1.0])
-    nothing = (isinstance(effect, Alteration) and effect.altered(machine, found.where, 1e-3) is machine) or (
-        isinstance(effect, Distortion) and effect.distorted(machine, values, t, found.where, 1e-3) is values
+    nothing = (isinstance(effect, Alteration) and effect.altered(machine, candidate.where, 1e-3) is machine) or (
+        isinstance(effect, Distortion) and effect.distorted(machine, values, t, candidate.where, 1e-3) is values
     )
     if nothing:
-        raise ValueError(f"effect {effect.about.name!r} cannot be at {found.at!r}: this machine has no such part there")
+        raise ValueError(
+            f"effect {effect.about.name!r} cannot be at {candidate.at!r}: this machine has no such part there"
+        )
 
 
 def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
@@ -269,14 +273,14 @@ def _still_carried(mass: Array, t: Array, begin: float) -> Array:
     return np.asarray(np.where(after & same_load, np.minimum(mass / mass[first], 1.0), 0.0))
 
 
-def _size(each: Imposed, what: str) -> float:
-    """Return the size, in the unit of `CHANGED`, with which an incident changes the quantity `what`; 0 if it does not.
+def _size(incident: Imposed, quantity: str) -> float:
+    """Return the size, in the unit of `CHANGED`, with which an incident changes a quantity; 0 if it does not.
 
-    what: key of `CHANGED`
+    quantity: key of `CHANGED`
     """
-    effect = each.group[0]
+    effect = incident.group[0]
     changed = _changed(effect) if isinstance(effect, Incident) else []
-    return each.sizes[changed.index(what)] if what in changed else 0.0
+    return incident.sizes[changed.index(quantity)] if quantity in changed else 0.0
 
 
 def unseen_slew(effects: Sequence[Imposed], t: Array) -> Array:
@@ -328,9 +332,9 @@ def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: 
     return first + values - distorted(machine, effects, first, t)
 
 
-def _late(machine: Machine, values: Array, t: Array, each: Imposed) -> Array:
+def _late(machine: Machine, values: Array, t: Array, incident: Imposed) -> Array:
     """Return the signals (T, S) with all pressures delayed by sizes[0] + sizes[1] (t - begin) [s]."""
-    found, late = values.copy(), each.sizes[0] + each.sizes[1] * np.maximum(t - each.begin, 0.0)
+    found, late = values.copy(), incident.sizes[0] + incident.sizes[1] * np.maximum(t - incident.begin, 0.0)
     for k, signal in enumerate(machine.signals):
         if signal.kind in PRESSURES:
             found[:, k] = np.interp(t - late, t, values[:, k])

@@ -40,9 +40,9 @@ def swing(effects: Sequence[Imposed], t: Array) -> Swing:
     return Swing(*found)
 
 
-def _swung(each: Imposed, t: Array) -> Array:
-    """Return the angle (T,) [rad] of the swing that one effect causes."""
-    inside = smooth(t, each.begin, each.begin + EASE)
-    if each.end < inf:
-        inside = inside * (1.0 - smooth(t, each.end - EASE, each.end))
+def _swung(effect: Imposed, t: Array) -> Array:
+    """Return the angle (T,) [rad] of the swing that an effect causes, at times t (T,) [s] of the run."""
+    inside = smooth(t, effect.begin, effect.begin + EASE)
+    if effect.end < inf:
+        inside = inside * (1.0 - smooth(t, effect.end - EASE, effect.end))
     return inside * sum(size * np.sin(2.0 * np.pi * t / period) for size, period in WAVES)

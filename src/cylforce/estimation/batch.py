@@ -151,9 +151,14 @@ class _Round(NamedTuple):
 
 
 def _rounds(data: Factors, row_error: Array, prior: Prior | None) -> tuple[Array, _Round]:
-    """Return the prior's rows (..., K+1), and the last pass of reweighting.
+    """Return the prior's rows (K, K+1) (`_prior_rows`), and the last pass of reweighting.
 
-    Raises ValueError when there are no usable rows."""
+    Raises ValueError when there are no usable rows.
+
+    data:      B blocks of rows of R measured torques
+    row_error: (R,) standard error of the rows of each torque [N m]
+    prior:     of the parameters; None: none
+    """
     if not np.any(data.samples):
         raise ValueError("no usable rows: nothing to fit")
     root = _prior_rows(prior, data.triangle.shape[-1] - 1)
@@ -245,19 +250,19 @@ def _pull(data: Factors, values: Array, weight: Array) -> Array:
     return np.asarray(np.sum(each * weight[..., None] ** 2, axis=1))
 
 
-def _covariance(data: Factors, found: _Round, root: Array) -> Array:
+def _covariance(data: Factors, last_round: _Round, root: Array) -> Array:
     """Return the sandwich covariance (K, K) of the fitted parameters, valid for residuals correlated within a block.
 
-    data:  B blocks of rows of R measured torques
-    found: last pass of the fit, with the weights of the rows
-    root:  rows (..., K+1) of the prior, with errors of one
+    data:       B blocks of rows of R measured torques
+    last_round: last pass of the fit, with the weights of the rows
+    root:       rows (..., K+1) of the prior, with errors of one
 
     It is (A'A - N'N + L'L)^-1 on both sides of the sum of the blocks' squared scores and the prior's information L'L. A
     block attracts the estimate, so that its own residual is too small. Its score is enlarged to the value that it has
     for an estimate from the other blocks alone (jackknife, CR3: Bell and McCaffrey 2002)."""
-    white = found.solution.white
-    pull = _pull(data, found.solution.values, found.weight) @ white
-    across = (data.triangle[..., :-1] * found.weight[..., None, None]) @ white
+    white = last_round.solution.white
+    pull = _pull(data, last_round.solution.values, last_round.weight) @ white
+    across = (data.triangle[..., :-1] * last_round.weight[..., None, None]) @ white
     across = across.reshape(len(across), -1, white.shape[1])
     gain, axes = _enlarged(np.swapaxes(across, 1, 2) @ across)
     pull = np.sum(axes * (gain * np.sum(axes * pull[:, :, None], axis=1))[:, None], axis=2)

@@ -131,7 +131,7 @@ def noise_like(values: Array, first: int) -> Array:
 
 @cache
 def _signs() -> Array:
-    """Return one period of a maximal-length sequence (pseudo-random bits) as 1 and -1: signs of artificial noise."""
+    """Return one period (2^SEQUENCE - 1,) of a maximal-length sequence (pseudo-random bits) as signs 1 and -1."""
     from scipy import signal  # here, because programs that only read results do without scipy
 
     return np.asarray(2.0 * signal.max_len_seq(SEQUENCE)[0] - 1.0)
@@ -145,19 +145,21 @@ def _stays(bad: Array, steps: int) -> Array:
     return np.asarray(since > 0.5)
 
 
-def block_factors(model: Model, seen: Observed, *, noisy: bool = True) -> Factors:
+def block_factors(model: Model, observed: Observed, *, noisy: bool = True) -> Factors:
     """Return the triangular factors of a stretch in blocks of BLOCK_SECONDS.
 
     The columns are those of the P parameters, three of the tool and C of the pressures' zero errors, whose noise is
     neglected. The marks are in the order of `observed_factors`.
 
-    seen:  filtered rows of the stretch
-    noisy: see `observe`
+    observed: filtered rows of the stretch
+    noisy:    see `observe`
     """
-    columns, noise = np.concatenate([seen.columns, seen.tool, seen.zero], axis=-1), None
+    columns, noise = np.concatenate([observed.columns, observed.tool, observed.zero], axis=-1), None
     if noisy:
-        noise = np.concatenate([seen.noise[..., :-1], np.zeros_like(seen.zero), seen.noise[..., -1:]], axis=-1)
-    rows = blocks.BlockRows(columns, seen.torque, noise, seen.certain, _marks(seen))
+        noise = np.concatenate(
+            [observed.noise[..., :-1], np.zeros_like(observed.zero), observed.noise[..., -1:]], axis=-1
+        )
+    rows = blocks.BlockRows(columns, observed.torque, noise, observed.certain, _marks(observed))
     return row_factors(rows, int(BLOCK_SECONDS * model.filters.rate_hz))
 
 
@@ -165,15 +167,15 @@ class TooShortError(ValueError):
     """A recording has no gapless stretch that is long enough."""
 
 
-def _marks(seen: Observed) -> Array:
+def _marks(observed: Observed) -> Array:
     """Return the marks (T, N + 3 C + 2 R) of each sample: figures that describe what the machine does in a block.
 
     In this order: joint angles (N) [rad]; absolute speed (C) of the cylinders [m/s]; 1 where each extends (C); 1 where
     each retracts (C); torque (R) [N m], 0 where the row is not fitted; 1 where the row is fitted (R)."""
-    ways = (seen.speed > MOVING, seen.speed < -MOVING)
-    fitted = seen.certain & np.isfinite(seen.torque) & np.all(np.isfinite(seen.columns), axis=-1)
-    torque = (np.where(fitted, seen.torque, 0.0), fitted)
-    return np.concatenate([seen.posture, np.abs(seen.speed), *ways, *torque], axis=1, dtype=np.float64)
+    ways = (observed.speed > MOVING, observed.speed < -MOVING)
+    fitted = observed.certain & np.isfinite(observed.torque) & np.all(np.isfinite(observed.columns), axis=-1)
+    torque = (np.where(fitted, observed.torque, 0.0), fitted)
+    return np.concatenate([observed.posture, np.abs(observed.speed), *ways, *torque], axis=1, dtype=np.float64)
 
 
 def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = True) -> Factors:
@@ -195,8 +197,8 @@ def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = T
     noisy: whether the sensors' noise is estimated; False: taken as zero, in half the time
     """
     step = int(CHUNK_SECONDS * model.filters.rate_hz)
-    seen = (observe(model, piece, k * step, noisy=noisy) for k, piece in enumerate(chunks(model, segments)))
-    parts = (block_factors(model, stretch, noisy=noisy) for stretch in seen)
+    stretches = (observe(model, piece, k * step, noisy=noisy) for k, piece in enumerate(chunks(model, segments)))
+    parts = (block_factors(model, stretch, noisy=noisy) for stretch in stretches)
     try:
         return joined(parts, MOST_BLOCKS)
     except ValueError:

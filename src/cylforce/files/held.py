@@ -54,13 +54,20 @@ def held(table: Table, late_s: Sequence[float]) -> list[Held]:
 
     A sensor that is read in each row and moves by several of its steps from one row to the next does not stand still
     before and after that. Where it does for longer than `late_s`, HELD_LEAPS times in a row, rows repeat a value.
+
+    late_s: age beyond which a value is outdated, for each signal [s]
     """
     signals = [_held(name, table.t_s, table.values[:, k], late_s[k]) for k, name in enumerate(table.signals)]
     return [signal for signal in signals if signal is not None]
 
 
 def _held(signal: str, t_s: Array, values: Array, late_s: float) -> Held | None:
-    """Return where the values (T,) of a signal are repeated; None where they are not."""
+    """Return where the values of a signal are repeated; None where they are not.
+
+    t_s:    (T,) times of the rows [s]
+    values: (T,) in the unit of the signal; NaN: unknown
+    late_s: time [s] for which a value stands still on both sides of a change if rows repeat it
+    """
     known = np.isfinite(values)
     t_s, values = t_s[known], values[known]
     sizes = np.abs(np.diff(values))

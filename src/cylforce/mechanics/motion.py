@@ -100,7 +100,10 @@ def motion(
 
 
 def _gravity(machine: Machine, attitude: Attitude) -> Array | Complex:
-    """Return `Motion.g`: i conj(s) exp(-i pitch) of the specific force s = s_x + i s_z, else g cos(roll)."""
+    """Return `Motion.g` (...,) [m/s^2]: i conj(s) exp(-i pitch) of the measured specific force s = s_x + i s_z.
+
+    Where no specific force is measured the chassis is taken as at rest: g cos(roll).
+    """
     if attitude.specific is None:
         return np.asarray(machine.gravity * np.cos(np.asarray(attitude.roll, dtype=np.float64)))
     return np.asarray(1j * np.conj(attitude.specific) * np.exp(-1j * np.asarray(attitude.pitch)))

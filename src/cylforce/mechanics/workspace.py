@@ -56,7 +56,13 @@ def working_range(machine: Machine) -> Array:
 
 
 def _clear(machine: Machine, middle: Array, ranges: Array, j: int) -> Array:
-    """Return the longest interval (2,) [rad] of the range of joint j clear of end stops and dead points."""
+    """Return the longest interval (2,) [rad] of an angle of `drive`, that of joint j, clear of end stops and dead
+    points. Raises ValueError when there is none.
+
+    middle: (N,) angles of the other joints [rad]
+    ranges: (N, 2) ranges of the angles [rad], of which those of joints that the cylinder reaches over are working
+        ranges already
+    """
     over = sorted({i for span in machine.spans if max(span) == j for i in span if i < j})
     inner = np.array(list(product(*(np.linspace(ranges[i, 0], ranges[i, 1], ACROSS) for i in over))))
     u = np.tile(middle, (len(inner), GRID, 1))

@@ -274,8 +274,9 @@ class Assembler(Estimator):
         for k in {s.signal for d in constants.decoders.values() if d.node_id == node_id for s in d.slots}:
             self._put(layout.signal(k), Channel.without_value(Reason.NOT_OPERATIONAL, self.channels[k].stepped))
 
-    def _put(self, place: slice, what: Channel | PdoRate | LastHeartbeat) -> None:
-        self.state[place] = numbers(astuple(what))
+    def _put(self, place: slice, record: Channel | PdoRate | LastHeartbeat) -> None:
+        """Write the fields of a record, in their order, at its place in the state."""
+        self.state[place] = numbers(astuple(record))
 
     def sample(self, t_us: int) -> Sample:
         """Return the sample at a tick: the last value (S,) of each signal [SI], or the reason why it is not usable.

@@ -34,7 +34,10 @@ def clipped(steps: Array, most: float) -> Array:
 
 
 def _within(value: Array, step: Array, most: float) -> Array:
-    """Add one step to values, clip them to -most..most, and return them; `value` is written in place."""
+    """Add one step to the values of all blocks (n,), clip them to -most..most, and return them.
+
+    `value` is written in place. All three are in the unit of the steps.
+    """
     value += step
     np.maximum(value, -most, out=value)
     return np.minimum(value, most, out=value)
@@ -65,15 +68,15 @@ def followed(aims: Array, kept: Array) -> Array:
     return found.T.ravel()[:last]
 
 
-def _blocks(values: Array, rest: float) -> Array:
+def _blocks(values: Array, filler: float) -> Array:
     """Return values (T,) as columns (L, B): B blocks of L samples, one after the other.
 
     L is about the square root of T.
 
-    rest: value with which the last block is filled up
+    filler: value with which the last block is filled up
     """
     length = isqrt(len(values)) + 1
     count = -(-len(values) // length)
-    whole = np.full(length * count, rest)
+    whole = np.full(length * count, filler)
     whole[: len(values)] = values
     return np.ascontiguousarray(whole.reshape(count, length).T)

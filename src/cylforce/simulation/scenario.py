@@ -239,8 +239,11 @@ def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Move, .
 def _one_by_one(
     machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, stop: float
 ) -> list[list[Move]]:
-    """Return strokes of one joint after the other until `stop` [s]: a fast one, a slow one, and one back at medium
-    speed.
+    """Return the strokes of each joint: one joint after the other, fast, slowly, and back at medium speed.
+
+    ranges: (N, 2) ranges of the strokes [rad]
+    begin: (N,) posture at the start [rad]
+    stop: time at which the last stroke has ended [s]
     """
     steps: list[list[Move]] = [[] for _ in machine.links]
     pose, t = begin.copy(), 0.5
@@ -269,6 +272,7 @@ def _wander(
 ) -> list[Move]:
     """Return strokes of joint j between random angles at random speeds, with short pauses.
 
+    ranges: (N, 2) ranges of the strokes [rad]
     begin: (N,) posture at the start [rad]
     window: start and end [s]
     """

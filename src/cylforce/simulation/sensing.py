@@ -178,6 +178,9 @@ def run(
 def _parts(scenes: Iterable[Scene], dt: float, part_s: float) -> Iterator[tuple[int, Scene, float, Array]]:
     """Yield number, scene, start of the scene [s] and times (T,) from the start of the run [s], long scenes in
     parts.
+
+    dt: time between two samples [s]
+    part_s: longest part of a scene [s]
     """
     begin, most = 0.0, round(part_s / dt)
     for number, scene in enumerate(scenes):

@@ -296,7 +296,12 @@ def carrying_torque(
 def _carried(
     machine: Machine, effect: BaseMotion, base: Array, course: Kinematics, attitude: Attitude, swung: Swing
 ) -> Callable[[float], Halves]:
-    """Return a function of s: the effect's halves s seconds after each instant, along its parabola."""
+    """Return a function of s: the effect's halves s seconds after each instant, along its parabola.
+
+    base: (T, N, 3) base parameters (J, X, Z) of the links [kg m^2, kg m, kg m]
+    course: angles of the joints and their derivatives
+    swung: the swing of the chassis
+    """
 
     def at(s: float) -> Halves:
         """Return the halves s seconds after each instant."""

@@ -455,17 +455,17 @@ def has_stepped(p: KernelInputs, state: Numbers, k: Count) -> Count:
     return 1 if by != 0.0 and abs(by) > room_for(p, k, 0.0) else 0
 
 
-def stepped(p: KernelInputs, state: Numbers, found: Numbers) -> None:
+def stepped(p: KernelInputs, state: Numbers, has_step: Numbers) -> None:
     """Compute which of the S signals have stepped and stayed there.
 
     Read:
-    state: (`layout.InputLayout`)
+    state:    (`layout.InputLayout`), of which the sum of each signal's accepted steps [SI] is used
 
     Written:
-    found: (S,) 1 where a signal stepped, else 0
+    has_step: (S,) 1 where a signal stepped, else 0
     """
     for k in range(p.s):
-        found[k] = has_stepped(p, state, k)
+        has_step[k] = has_stepped(p, state, k)
 
 
 def quantise(size: Count, limits: Numbers, values: Numbers, sent: Counts) -> None:

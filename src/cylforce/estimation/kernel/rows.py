@@ -134,50 +134,50 @@ def rows_size(p: KernelPlan) -> Count:
     return 3 * p.r * p.k + 3 * p.r + 2 * p.c + p.c * p.r + 4
 
 
-def advance(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
+def advance(p: KernelPlan, old: Numbers, channels: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
     """Compute the rows of one step, torque = columns @ parameters: slow ones for weighing, and those of the instant.
 
     first: 1 where the filters of columns and forces begin with this step, else 0
 
     Read:
-    here:  (D,) channels of the sample: joint angles [rad], cylinder forces [N], motion of the base
+    channels: (D,) channels of the sample: joint angles [rad], cylinder forces [N], motion of the base
 
     Read and, if `first`, written:
-    old:   state of the filters before the step (`state_size` numbers), or that in which they begin
+    old:      state of the filters before the step (`state_size` numbers), or that in which they begin
 
     Written:
-    new:   state of the filters after the step; zero before
-    out:   rows of the step (`layout.RowLayout`); zero before
+    new:      state of the filters after the step; zero before
+    out:      rows of the step (`layout.RowLayout`); zero before
     """
-    smooth_channels(p, old, here, new)
+    smooth_channels(p, old, channels, new)
     columns(p)
     weighing_rows(p, old, new, out, first)
     count_waiting(p, old, new, out)
-    instant_forces(p, old, here, new, out, first)
+    instant_forces(p, old, channels, new, out, first)
     instant_columns(p, old, new, out, first)
     tool_motion(p, out)
 
 
 @inner
-def smooth_channels(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers) -> None:
+def smooth_channels(p: KernelPlan, old: Numbers, channels: Numbers, new: Numbers) -> None:
     """Filter the channels by a low-pass of second order, and compute mean and slope of its last four outputs.
 
     The mean is (y0 + 3 y1 + 3 y2 + y3) / 8, the slope (y3 - y0) / (3 dt), y0 the oldest (`filters.mean`, `slope`).
 
     Read:
-    here: (D,) channels of the sample: joint angles [rad], cylinder forces [N], motion of the base
-    old:  state of the filters, which begins with last channels (D,), state of the low-pass (2, D), last three outputs
-          (3, D), oldest first
+    channels: (D,) channels of the sample: joint angles [rad], cylinder forces [N], motion of the base
+    old:      state of the filters, which begins with last channels (D,), state of the low-pass (2, D), last three
+              outputs (3, D), oldest first
 
     Written:
-    new:  the same parts of the state after the sample
+    new:      the same parts of the state after the sample
     `p.middle` (D,) mean, and `p.rate` (D,) slope per second
     """
     d = p.d
     low_pass, outputs = d, 3 * d  # places in the state
     b0, b1, b2, a1, a2 = p.channel[0], p.channel[1], p.channel[2], p.channel[3], p.channel[4]
     for i in range(d):
-        x = here[i]
+        x = channels[i]
         y = old[low_pass + i] + b0 * x
         new[i] = x
         new[low_pass + i] = b1 * x + old[low_pass + d + i] - a1 * y
@@ -297,7 +297,7 @@ def count_waiting(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers) -> No
 
 
 @inner
-def instant_forces(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
+def instant_forces(p: KernelPlan, old: Numbers, channels: Numbers, new: Numbers, out: Numbers, first: Count) -> None:
     """Compute torques, levers and reversing cylinders of the instant.
 
     The forces pass a quick low-pass of second order of their own. A cylinder is about to reverse if its speed, changed
@@ -306,19 +306,19 @@ def instant_forces(p: KernelPlan, old: Numbers, here: Numbers, new: Numbers, out
     first: 1 where the filters begin with this step, else 0
 
     Read:
-    old:   state of the filters, of which the speed (C,), the low-pass of the forces (2, C) and that of the acceleration
-           (C,) are used
-    here:  (D,) channels of the sample, of which the cylinder forces (C,) [N] follow the N angles
+    old:      state of the filters, of which the speed (C,), the low-pass of the forces (2, C) and that of the
+              acceleration (C,) are used
+    channels: (D,) channels of the sample, of which the cylinder forces (C,) [N] follow the N angles
     `p.speed` (C,) [m/s], `p.lever` (C, N) [m/rad]
 
     Written:
-    new:   state of both low-passes after the step
-    out:   torques of the instant (R,) [N m], 1 where a cylinder is about to reverse (C,), levers (C, R) [m/rad]; zero
-           before
+    new:      state of both low-passes after the step
+    out:      torques of the instant (R,) [N m], 1 where a cylinder is about to reverse (C,), levers (C, R) [m/rad];
+              zero before
     """
     forces, accelerations = state_forces(p), state_acceleration(p)
     for c in range(p.c):
-        x, speed = here[p.n + c], p.speed[c]
+        x, speed = channels[p.n + c], p.speed[c]
         state_0, state_1 = old[forces + c], old[forces + p.c + c]
         before, slow_state = old[state_speed(p) + c], old[accelerations + c]
         if first:
@@ -417,7 +417,9 @@ def angle_error_torques(
                     torques[p.row[j] * size + s - 1] = (residual - p.torque[p.row[j]]) / step
 
 
-def moving_signals(speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, found: Numbers) -> None:
+def moving_signals(
+    speed: Numbers, size: Count, least: Number, by: Counts, signals: Count, should_change: Numbers
+) -> None:
     """Compute which signals should change, because the cylinder that changes them moves.
 
     size:    C, number of cylinders
@@ -425,11 +427,11 @@ def moving_signals(speed: Numbers, size: Count, least: Number, by: Counts, signa
     signals: S, number of signals
 
     Read:
-    speed:   (C,) of the cylinders [m/s]
-    by:      (S,) number of the cylinder that changes each signal; -1: any of them
+    speed:         (C,) of the cylinders [m/s]
+    by:            (S,) number of the cylinder that changes each signal; -1: any of them
 
     Written:
-    found:   (S,) 1 where the cylinder moves, else 0
+    should_change: (S,) 1 where the cylinder moves, else 0
     """
     any_moves = 0.0
     for c in range(size):
@@ -437,9 +439,9 @@ def moving_signals(speed: Numbers, size: Count, least: Number, by: Counts, signa
             any_moves = 1.0
     for k in range(signals):
         if by[k] < 0:
-            found[k] = any_moves
+            should_change[k] = any_moves
         else:
-            found[k] = 1.0 if abs(speed[by[k]]) > least else 0.0
+            should_change[k] = 1.0 if abs(speed[by[k]]) > least else 0.0
 
 
 @inner
