@@ -84,8 +84,10 @@ def repairs(case: Case, cylinders: Collection[int]) -> tuple[Repair, ...]:
     """Return the single corrections with which a case is healthy: the best one, then those that are not decisively
     worse.
 
-    Corrections of the `cylinders`, of angles and of lengths are tried. The result is empty when no single correction is
-    decisively better than the case without correction.
+    Corrections of the cylinders with these numbers, of angles and of lengths are tried. The result is empty when no
+    single correction is decisively better than the case without correction.
+
+    cylinders: numbers of the cylinders whose corrections are tried
     """
     if len(case.values) < SHORT_S * case.model.filters.rate_hz:
         return ()

@@ -54,7 +54,7 @@ def soundness(case: Case, fit_quality: Quality, broken: tuple[str, ...]) -> Soun
     return Soundness(None, (*sentences, *broken))
 
 
-Which = NDArray[np.bool_]  # (R,) selection of measured joints
+Which = NDArray[np.bool_]  # (R,) which of the measured joints are selected
 
 
 def _rows(fit_quality: Quality) -> tuple[Which, Which, Which]:
@@ -78,7 +78,7 @@ def _shares(model: Model, fit_quality: Quality, which: Which) -> str:
 
 
 def _worse(model: Model, fit_quality: Quality, which: Which) -> tuple[str, ...]:
-    """Return a sentence about joints whose torque a constant would explain better."""
+    """Return a sentence about the selected joints, whose torque a constant would explain better; () without any."""
     if not np.any(which):
         return ()
     joints = " and ".join(_names(model, which))
@@ -87,7 +87,7 @@ def _worse(model: Model, fit_quality: Quality, which: Which) -> tuple[str, ...]:
 
 
 def _unseen(model: Model, which: Which) -> tuple[str, ...]:
-    """Return a sentence for each joint that moved without a usable cylinder."""
+    """Return a sentence for each selected joint: it moved without a usable cylinder."""
     return tuple(
         f"{name} moved, but by the machine file its cylinder stood beyond an end stop, at a dead point or without a "
         "lever all the time"
@@ -96,7 +96,7 @@ def _unseen(model: Model, which: Which) -> tuple[str, ...]:
 
 
 def _little(model: Model, fit_quality: Quality, which: Which) -> tuple[str, ...]:
-    """Return a sentence about joints of whose torque too little is explained."""
+    """Return a sentence about the selected joints, of whose torque too little is explained; () without any."""
     if not np.any(which):
         return ()
     return (f"too little of the measured torque is explained: {_shares(model, fit_quality, which)} ({USUALLY})",)
@@ -110,7 +110,7 @@ def _far(fit_quality: Quality) -> tuple[str, ...]:
 
 
 def _cylinders(model: Model, which: Which) -> list[int]:
-    """Return the cylinders that act on the selected rows; all when none is selected."""
+    """Return the numbers of the cylinders that act on the selected joints; of all when none is selected."""
     rows = [r for r, chosen in enumerate(which) if chosen] or list(range(len(which)))
     return sorted({c for r in rows for c in model.acting[r]})
 

@@ -314,7 +314,7 @@ def stacked_triangle(data: Factors, weight: Array) -> Array:
 
 
 def residual_squares(data: Factors, values: Array) -> Array:
-    """Return the sum of squared residuals (B, R) of every block at parameters `values` (K,)."""
+    """Return the sum of squared residuals (B, R) of every block at parameters `values` (K,), in squared torque."""
     left = data.triangle @ np.append(values, -1.0)
     return np.asarray(np.sum(left**2, axis=-1))
 

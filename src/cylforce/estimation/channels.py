@@ -109,7 +109,7 @@ class Channels:
 
     @cached_property
     def house(self) -> tuple[int | None, int | None, int | None]:
-        """Numbers of the signals of pitch, roll, and slew rate or angle."""
+        """Numbers of the signals of pitch, roll, and slew rate or angle; None: not measured."""
         at = self._where.get
         slew = at((Kind.SLEW_RATE, 0), at((Kind.SLEW_ANGLE, 0)))
         return at((Kind.PITCH, 0)), at((Kind.ROLL, 0)), slew
@@ -121,13 +121,13 @@ class Channels:
 
     @cached_property
     def turned(self) -> tuple[tuple[int | None, int | None], ...]:
-        """Numbers of the signals of each joint's encoder and of its link's inclinometer."""
+        """Numbers of the signals of each joint's encoder and of its link's inclinometer; None: no such sensor."""
         at, joints = self._where.get, range(self.machine.size)
         return tuple((at((Kind.JOINT_ANGLE, j)), at((Kind.LINK_INCLINATION, j))) for j in joints)
 
     @cached_property
     def pushed(self) -> tuple[tuple[int | None, int | None, int | None], ...]:
-        """Numbers of the signals of each cylinder's force pin, head and rod side."""
+        """Numbers of the signals of each cylinder's force pin, head and rod side; None: no such sensor."""
         kinds, cylinders = (Kind.FORCE_PIN, Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE), range(len(self.machine.cylinders))
         pin, head, rod = ([self._where.get((kind, c)) for c in cylinders] for kind in kinds)
         return tuple(zip(pin, head, rod, strict=True))

@@ -84,7 +84,12 @@ class Regressor:
         return momentum, found.static
 
     def halves(self, moving: Motion) -> SparseHalves:
-        """Return the columns of `both_halves`, those of the momentum only for effects that have one."""
+        """Return the columns of `both_halves` as static (..., R, P) and momentum (..., R, M).
+
+        M are the parameters of the effects that have a momentum.
+
+        moving: motion of the machine at one or more instants (...)
+        """
         parts = [effect.halves(self.machine, moving) for effect in self.effects]
         lead, shape = moving.q.shape[:-1], (*moving.q.shape, len(self.parameters))
         static = np.zeros(shape)

@@ -113,7 +113,7 @@ def parsed(text: str) -> Line | None:
 
 
 def parts(text: str) -> Parts | None:
-    """Parse a line as `parsed`, into a plain tuple, which takes two thirds of the time.
+    """Parse a line as `parsed`, into a plain tuple of a `Line`'s fields, which takes two thirds of the time.
 
     Fractions of other lengths than six digits are cut or filled to microseconds. The R or T that python-can adds is
     ignored.
@@ -132,7 +132,10 @@ def parts(text: str) -> Parts | None:
 
 
 def parts_of(block: str) -> list[Parts] | None:
-    """Parse all lines of a block at once, which takes half the time; None if a line is not in our own format."""
+    """Parse all lines of a block at once, into the fields of a `Line` each, which takes half the time.
+
+    None if a line is not in our own format.
+    """
     matches = _OURS.findall(block)
     if len(matches) != block.count("\n") or not block.endswith("\n"):
         return None

@@ -57,7 +57,10 @@ def lost_its_name(path: Path, file: FileIO) -> bool:
 
 
 def check_room(path: Path, rotation: Rotation) -> None:
-    """Raise OSError unless the disk has room for two more files, or SHARE of it is free."""
+    """Raise OSError unless the disk has room for two more files of the log, or SHARE of the disk is free.
+
+    path: file of the log
+    """
     disk = os.statvfs(path.parent)
     free = disk.f_bavail * disk.f_frsize
     if free < min(2 * rotation.size, SHARE * disk.f_blocks * disk.f_frsize):

@@ -205,7 +205,10 @@ def _widest(rate_hz: float) -> float:
 
 
 def _at(table: Table, t_s: Array, rate_hz: float) -> Table:
-    """Return the table at times (K,) [s] within it: linear between its rows, NaN within gaps."""
+    """Return the table at times (K,) [s] within it: linear between its rows, NaN within gaps.
+
+    rate_hz: rate of the times [Hz], on whose period the width of a gap depends (`_widest`)
+    """
     values = np.stack([np.interp(t_s, table.t_s, column) for column in table.values.T], axis=-1)
     if len(table.t_s) > 1:
         steps = np.diff(table.t_s)

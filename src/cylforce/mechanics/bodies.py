@@ -64,7 +64,7 @@ class Bodies(NamedTuple):
         """Return the torques (T, N) [N m] of all joints per rad/s^2 of additional rotation of the links from `joint`
         outwards.
 
-        The rotation is about a `pivot` P (T,). The torque is sum_k m_k Re(conj(c_k - o_j) (c_k - P)) + I_k over the
+        The rotation is about a `pivot` P (T,) [m]. The torque is sum_k m_k Re(conj(c_k - o_j) (c_k - P)) + I_k over the
         links k that turn, beyond j.
         """
         lever = np.conj(self.centres[:, None, :] - self.pins[:, :, None])  # (T, joint, link)

@@ -121,7 +121,11 @@ def dbc(
 
 
 def _messages(name: str, node_id: int, pdos: Sequence[Pdo], heartbeat_ms: int) -> Iterator[DbcMessage]:
-    """Yield the messages of a node: its PDOs, heartbeat and emergency message."""
+    """Yield the messages of a node: its PDOs, heartbeat and emergency message.
+
+    name: name of the node
+    heartbeat_ms: period of its heartbeat [ms]
+    """
     for pdo in pdos:
         yield DbcMessage(
             name=f"{name}_tpdo{pdo.number}",
@@ -157,14 +161,23 @@ def _messages(name: str, node_id: int, pdos: Sequence[Pdo], heartbeat_ms: int) -
 
 
 def _integer(name: str, start: int, length: int, words: Mapping[int, str] | None = None) -> DbcSignal:
-    """Return an unsigned signal without unit and scale."""
+    """Return an unsigned signal without unit and scale.
+
+    start: position of its lowest bit
+    length: [bits]
+    words: names of raw values
+    """
     return DbcSignal(
         name=name, start=start, length=length, signed=False, scale=1.0, offset=0.0, unit="", words=words or {}
     )
 
 
 def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
-    """Return our messages on J1939 (`canopen/j1939.py`)."""
+    """Return our messages on J1939 (`canopen/j1939.py`).
+
+    address: our address on J1939
+    period_ms: period of the estimates [ms]; totals are sent every second
+    """
     absent, largest = {0xFFFF: "no_value"}, 64255.0
     payload, force = ("payload_status", "payload_reason"), ("soil_magnitude_status", "soil_magnitude_reason")
     weight = [DbcSignal("cargo_weight", 40, 16, False, 2.0, 0.0, "kg", absent, 0.0, 2.0 * largest)]
@@ -192,7 +205,10 @@ def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
 
 
 def _quality(status: str, reason: str, start: int, bits: int = 8) -> list[DbcSignal]:
-    """Return status and reason, which are packed into a quality of `bits` bits."""
+    """Return the signals of status and reason, which are packed into a quality of `bits` bits from bit `start` on.
+
+    status, reason: names of the two signals
+    """
     return [
         _integer(status, start, _STATUS_BITS, _names(Status)),
         _integer(reason, start + _STATUS_BITS, bits - _STATUS_BITS, _names(Reason)),

@@ -195,7 +195,14 @@ def channels(fields: Iterable[Field]) -> dict[int, Field]:
 
 
 def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_ms: int, sync: int) -> list[Object]:
-    """Return the communication objects that every node has; `sync`: COB-ID of SYNC with the producer bit."""
+    """Return the communication objects that every node has.
+
+    profile: number of the device profile, such as 404
+    name: name of the node
+    identity: vendor, product, revision and serial number
+    heartbeat_ms: period of its heartbeat [ms]; 0: none
+    sync: COB-ID of SYNC with the producer bit
+    """
     analog_inputs = 0x00020000 if profile == 404 else 0
     numbers = zip(("Vendor-ID", "Product code", "Revision number", "Serial number"), identity, strict=True)
     errors = (Entry(k, f"Standard error field {k}", "I", "ro", 0) for k in range(1, HISTORY + 1))

@@ -56,12 +56,12 @@ class Object:
 
 
 def variable(index: int, name: str, code: str, access: str, default: float | str | None) -> Object:
-    """Return an object with one value."""
+    """Return an object with one value, at sub-index 0; `code`: its data type, a struct code or TEXT."""
     return Object(index, name, VARIABLE, (Entry(0, name, code, access, default),))
 
 
 def group(index: int, name: str, kind: int, entries: Iterable[Entry]) -> Object:
-    """Return an array or record of entries."""
+    """Return an object of `kind` ARRAY or RECORD with these entries, and at sub-index 0 the highest sub-index."""
     entries = tuple(entries)
     highest = Entry(0, "Highest sub-index supported", "B", "ro", max(entry.sub for entry in entries))
     return Object(index, name, kind, (highest, *entries))
