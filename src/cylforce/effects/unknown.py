@@ -56,7 +56,7 @@ class UnknownTorque:
 class PostureTorque:
     """A torque at one joint that goes with its angle: one of Legendre's polynomials over its range."""
 
-    bend: int = 0
+    bend: int = 0  # degree of the polynomial
 
     @property
     def about(self) -> About:
@@ -93,7 +93,7 @@ class PostureTorque:
 class OthersPressure:
     """Force in one joint's cylinder in proportion to the reading of another cylinder's sensor."""
 
-    other: int = 0
+    other: int = 0  # number of the sensor among the pressures of cylinders that do not turn this joint
 
     @property
     def about(self) -> About:

@@ -42,7 +42,11 @@ class Channels:
 
     The channels are joint angles (N) [rad], cylinder forces (C) [N], pitch and roll [rad], slew rate [rad/s] or, where
     no sensor measures it, slew angle [rad]. With an inertial sensor on the base, its rate [rad/s] and its specific
-    forces forwards and upwards [m/s^2] precede pitch: D = N + C + 6."""
+    forces forwards and upwards [m/s^2] precede pitch: D = N + C + 6.
+
+    machine: machine with its N joints, C cylinders and S signals
+    filters: rates and cut-off frequencies
+    """
 
     machine: Machine
     filters: Filters

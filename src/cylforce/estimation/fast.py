@@ -15,7 +15,10 @@ from cylforce.mechanics.installation import Filters
 
 @dataclass(frozen=True)
 class FastFilters:
-    """Filters of the rows of the instant. Their momentum and static columns are those of the weighing."""
+    """Filters of the rows of the instant. Their momentum and static columns are those of the weighing.
+
+    filters: rates and cut-off frequencies of the machine file [Hz]
+    """
 
     filters: Filters
 

@@ -32,7 +32,11 @@ class SparseHalves(NamedTuple):
 @dataclass(frozen=True)
 class Regressor:
     """Columns of several effects side by side, for the R measured torques of a machine. Columns of the same name are
-    added."""
+    added.
+
+    machine: the machine
+    effects: effects in the order of their columns
+    """
 
     machine: Machine
     effects: tuple[Effect, ...]

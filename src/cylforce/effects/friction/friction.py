@@ -52,7 +52,7 @@ class AtRest:
     direction is unknown, times the lever. sgn(v) is rounded as tanh(v / rounding) [m/s].
     """
 
-    rounding: float
+    rounding: float  # m/s, speed scale of the smooth sgn(v)
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
         """Return the unknown share of f_c [N] of every cylinder."""

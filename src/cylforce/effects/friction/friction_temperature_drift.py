@@ -22,9 +22,9 @@ class FrictionTemperatureDrift:
     """
 
     settling: float = 900.0  # s, the oil's thermal time constant
-    viscous: bool = False
-    cold: bool = False
-    alone: bool = False
+    viscous: bool = False  # whether only viscous friction changes
+    cold: bool = False  # whether the recording begins with cold oil and the identified friction is that of warm oil
+    alone: bool = False  # whether one cylinder alone changes, not all of them
 
     @property
     def about(self) -> About:

@@ -24,7 +24,7 @@ class Backlash:
     """
 
     falling: float = 0.015  # rad, play from which the time of the fall is computed: it grows with the square root only
-    pushed: bool = False
+    pushed: bool = False  # whether the play is between the joint and its cylinder
 
     @property
     def about(self) -> About:

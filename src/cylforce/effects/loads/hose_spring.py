@@ -23,7 +23,7 @@ class HoseSpring:
     """
 
     rest: float = 0.5  # share of the joint's range at which the hoses are at rest
-    cubic: bool = False
+    cubic: bool = False  # whether the torque grows with the third power of the angle, not in proportion to it
 
     @property
     def about(self) -> About:

@@ -15,7 +15,7 @@ class EncoderEccentricity:
     """An angle sensor mounted off its axis: reading = a + size sin(a), or with `across` a + size cos(a). Both together
     are size sin(a - phase): one wave per turn, of the eccentricity divided by the radius of the track that is read."""
 
-    across: bool = False
+    across: bool = False  # whether the error is a cosine of the angle, not a sine
 
     @property
     def about(self) -> About:

@@ -27,8 +27,8 @@ class IntermittentGlitch:
     every: float = 6.0  # s
     shortest: float = 0.05  # s
     longest: float = 0.3  # s
-    seed: int = 0
-    jumps: tuple[float, ...] = ()
+    seed: int = 0  # of the random instants
+    jumps: tuple[float, ...] = ()  # begin [s], duration [s] and direction of each jump; empty: random ones
 
     @property
     def about(self) -> About:

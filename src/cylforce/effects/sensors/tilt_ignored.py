@@ -18,7 +18,7 @@ class TiltIgnored:
     arm's plane, which turns with the slew angle.
     """
 
-    across: bool = False
+    across: bool = False  # whether the slope is across the tracks, not along them
 
     @property
     def about(self) -> About:

@@ -73,6 +73,8 @@ class KernelDrift:
     row:       (N,) one row
     matrix:    (N, N) first the triangle U of the information U'U, then the information matrix
     inverse:   (N, N) first the right-hand side z (N,) of the triangle, then the inverse information matrix
+
+    arrays:    the lists of arrays, kept so that the memory of the fields above remains
     """
 
     r: Count

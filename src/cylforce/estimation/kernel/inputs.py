@@ -72,7 +72,7 @@ TWO_PRODUCERS: Number = 30.0
 
 @record
 class KernelInputs:
-    """Constants of S signals in P PDOs. PDO i has `items`[i] items, and the slots `first`[i] up to `first`[i + 1].
+    """Constants of S signals (`s`) in P PDOs (`p`). PDO i has `items`[i] items, and the slots `first`[i] up to `first`[i + 1].
 
     first:         (P + 1,) first slot of each PDO
     signal, item:  signal of each slot, and its place among the PDO's items
@@ -94,6 +94,7 @@ class KernelInputs:
     quiet:         time since the last sign of a second producer after which it is gone [us]
     frozen:        equal values in a row at which a signal is frozen
     needed:        good values in a row at which a signal is used again
+    arrays:        the lists of arrays, kept so that the memory of the fields above remains
     """
 
     s: Count

@@ -56,7 +56,8 @@ class KernelPlan:
     pushes:           (C,) force of a law
     good:             (C,) 1 where a cylinder's force is used
     momentum, static: (R, K) columns
-    torque:           (R + 1,) measured torques [N m], then the squared slew rate
+    torque:           (R + 1,) measured torques [N m], then the squared slew rate [rad^2/s^2]
+    arrays:           the lists of arrays, kept so that the memory of the fields above remains
     """
 
     n: Count
@@ -174,6 +175,7 @@ class KernelSensors:
     base:      (D - N - C,) inertial sensor of the base, pitch, roll, slew
     tilts:     signals that may not exceed `most`
     areas:     (C, 3) head side, rod side [m^2], pressure of a rod side that is not measured [Pa]
+    arrays:    the lists of arrays, kept so that the memory of the fields above remains
     """
 
     n: Count

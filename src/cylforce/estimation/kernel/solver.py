@@ -59,6 +59,8 @@ class KernelSolver:
     short_work:   (4 max(R, 4),)
     matrix:       (max(R, 4), max(R, 4))
     work:         as long as the longest row
+
+    arrays:       the lists of arrays, kept so that the memory of the fields above remains
     """
 
     r: Count

@@ -119,6 +119,7 @@ class MarkedPressures(Detector):
 
     constants: of the pressures
     marked:    (P,) True where a pressure is suspected
+    report:    present suspicion
     """
 
     constants: GroupConstants

@@ -11,7 +11,10 @@ from cylforce.service.plausibility.suspicion import NOTHING_SUSPECTED, Level, Se
 
 @dataclass(slots=True)
 class AngleStep(Detector):
-    """Signals that have stepped."""
+    """Signals that have stepped.
+
+    report: present suspicion: the signals that have stepped
+    """
 
     report: SensorSuspicion = NOTHING_SUSPECTED
 

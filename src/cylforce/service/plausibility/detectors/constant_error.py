@@ -173,6 +173,7 @@ class ConstantError(Detector):
     constants: of the votes
     blocks:    the last KEPT blocks
     offset:    the most likely error
+    report:    present suspicion
     """
 
     constants: VoteConstants

@@ -96,6 +96,7 @@ class DrivenTool(Detector):
     alone:     path of one sample that does not count yet [m]
     first:     direction of motion (x, z) in which the tool was driven first; zeros: in none
     opposite:  part of the path in directions opposite to `first` [m]
+    report:    present suspicion
     """
 
     constants: DrivenConstants

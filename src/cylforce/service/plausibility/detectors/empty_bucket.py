@@ -81,6 +81,7 @@ class EmptyBucket(Detector):
     constants:   of the machine
     fault:       found at the last detection of an empty bucket
     wrong_since: sample of this lift since which the weight is impossible; NEVER: it is possible
+    report:      present suspicion: all signals, while there is a fault
     """
 
     constants: EmptyConstants

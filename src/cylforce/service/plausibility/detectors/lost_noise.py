@@ -18,6 +18,7 @@ class LostNoise(Detector):
     """Pressures that have lost their noise.
 
     constants: of the pressures
+    report:    present suspicion
     """
 
     constants: GroupConstants

@@ -326,6 +326,7 @@ class PressureStep(Detector):
     votes:     sum of the votes against the suspicion since then, twice the log likelihood ratio
     seconds:   number of seconds of motion since then
     in_air:    number of these seconds that a load explains
+    report:    present suspicion
     """
 
     constants: StepConstants

@@ -52,6 +52,7 @@ class SweptTool(Detector):
     running:   angle of slewing in the running block [rad]
     angle:     angle of slewing in earlier blocks without an explanation, since the last one that a load explains [rad]
     fast:      whether the house slews too fast for contact of the tool with the ground
+    report:    present suspicion
     """
 
     constants: SweptConstants
