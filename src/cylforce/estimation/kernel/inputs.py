@@ -72,8 +72,9 @@ TWO_PRODUCERS: Number = 30.0
 
 @record
 class KernelInputs:
-    """Constants of S signals (`s`) in P PDOs (`p`). PDO i has `items`[i] items, and the slots `first`[i] up to `first`[i + 1].
+    """Constants of S signals in P PDOs. PDO i has `items`[i] items, and the slots `first`[i] up to `first`[i + 1].
 
+    s, p:          sizes S, P
     first:         (P + 1,) first slot of each PDO
     signal, item:  signal of each slot, and its place among the PDO's items
     noisy:         (S,) whether equal values mean that the signal is frozen

@@ -13,6 +13,7 @@ class KernelPlan:
     """Constants of N joints, C cylinders, R rows (measured torques), K columns, D channels and L force laws, and room
     for intermediate results. Every step overwrites that room, so that one plan serves one thread.
 
+    n, c, r, k, d:    sizes N, C, R, K, D
     law_size, used_size, moved_size, lever_size, slewed_size: numbers of laws, of places in `used`, in `moved`, of
                       `levers` and of places in `slewed`
     waits:            steps for which a bad lever spoils a row
@@ -168,6 +169,7 @@ class KernelPlan:
 class KernelSensors:
     """Sources of D channels of N joints and C cylinders, as numbers of signals; -1: not measured.
 
+    n, c, d:   sizes N, C, D
     tilt_size: number of `tilts`
     most:      largest tilt [rad]
     turned:    (N, 2) encoder of each joint, and inclinometer of its link
