@@ -53,7 +53,10 @@ class Pins(NamedTuple):
 
 @lru_cache
 def fixed(pins: tuple[Pin, ...], joints: int) -> Pins:
-    """Return pins as arrays, for a chain of N = `joints` links."""
+    """Return K pins as arrays, for a chain of N = `joints` links: bodies (K,), places (K,) [m], which joints move each.
+
+    pins: number of the body (0: the chassis) and place x + i z in its frame [m] of each pin
+    """
     body = np.array([body for body, _ in pins], dtype=np.intp)
     moved = np.where(np.arange(joints) < body[:, None], 1j, 0.0)
     return Pins(body, np.array([local for _, local in pins], dtype=np.complex128), moved)

@@ -71,6 +71,9 @@ def fitted(
 
 
 def _slopes(x: Array, ends: Callable[[Array], tuple[float, float]]) -> Array:
-    """Return the derivatives (2, K) of both lengths by the coordinates, as central differences."""
+    """Return the derivatives (2, K) [m/m] of both lengths by the coordinates x (K,) [m], as central differences.
+
+    ends: function of the coordinates that returns both lengths [m]
+    """
     columns = [np.subtract(ends(x + d), ends(x - d)) / (2.0 * STEP) for d in STEP * np.eye(len(x))]
     return np.stack(columns, axis=-1)

@@ -55,7 +55,7 @@ class Linkage(Protocol):
         ...
 
     def driven(self, pins: Point) -> Eye:
-        """Return the eye from the places (..., K) of the pins; NaN where the linkage cannot be closed."""
+        """Return the eye from the places (..., K) [m] of the K pins; NaN where the linkage cannot be closed."""
         ...
 
     def places(self, at: Pose) -> dict[str, Complex]:
@@ -128,7 +128,10 @@ class Linkages:
         return Stretch(length, gradient, transmission)
 
     def _driven(self, pins: Point) -> tuple[Point, Array]:
-        """Return the eyes (..., C) and transmissions (..., C)."""
+        """Return the eyes (..., C) [m] and transmissions (..., C) of all linkages.
+
+        pins: places (..., K) [m] of the pins of all linkages, one after the other, and their derivatives
+        """
         shape, joints = (*pins.place.shape[:-1], len(self.linkages)), pins.gradient.shape[-1]
         eye, transmission = Point(np.empty(shape, complex), np.empty((*shape, joints), complex)), np.empty(shape)
         for c, (linkage, part) in enumerate(zip(self.linkages, self._pins_of_linkage, strict=True)):

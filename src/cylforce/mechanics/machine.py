@@ -310,6 +310,8 @@ def with_parameters(machine: Machine, phi: Array) -> Machine:
     """Return the machine with such centres of gravity and inertias that its `base_parameters` are phi (3N,).
 
     The masses stay as they were.
+
+    phi: (3N,) J [kg m^2], X, Z [kg m] of each link
     """
     links = []
     for j, (link, (inertia, x, z)) in enumerate(zip(machine.links, phi.reshape(-1, 3).tolist(), strict=True)):
@@ -321,7 +323,7 @@ def with_parameters(machine: Machine, phi: Array) -> Machine:
 
 
 def base_parameter_covariance(links: tuple[Link, ...]) -> Array:
-    """Return the covariance (3N, 3N) of `base_parameters`.
+    """Return the covariance (3N, 3N) of `base_parameters`, (J, X, Z) of each link [kg m^2, kg m, kg m].
 
     First-order propagation of the standard errors of the data sheet.
     """
@@ -340,7 +342,7 @@ def base_parameter_spread(links: tuple[Link, ...]) -> Array:
 
 
 def _mass_gradient(links: tuple[Link, ...], j: int) -> Array:
-    """Return d(Phi)/d(mass, cx, cz, inertia) (3N, 4) of link j."""
+    """Return the derivatives (3N, 4) of all base parameters by mass [kg], cx, cz [m] and inertia [kg m^2] of link j."""
     k, gradient = links[j], np.zeros((3 * len(links), 4))
     for i in range(j):
         gradient[3 * i : 3 * i + 2, 0] = (links[i].length ** 2, links[i].length)

@@ -84,7 +84,7 @@ def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array
     centre = at.origin[:, 1:] + at.turn[:, 1:] * [complex(link.cx, link.cz) for link in links]
 
     def accelerated(x: Array) -> Array:
-        """Return the second time derivative of fitted parabolas."""
+        """Return the second time derivative of x (T, ...), of fitted parabolas, in its unit per s^2."""
         return np.asarray(savgol_filter(x, window, 2, deriv=2, delta=step, axis=0))
 
     # torque about the joint: sum of (centre - pin) x m (a + g) and I d^2(angle)/dt^2 over the links from it outwards

@@ -81,8 +81,9 @@ def _clear(machine: Machine, middle: Array, ranges: Array, j: int) -> Array:
 
 
 def _drivable(machine: Machine, at: Geometry, j: int) -> NDArray[np.bool_]:
-    """Return the poses (...,) in which every cylinder that ends at joint j is clear of its end stops and dead
-    points.
+    """Return whether at each pose (...,) every cylinder that ends at joint j is clear of end stops and dead points.
+
+    at: lengths [m] and transmissions of the cylinders at the poses
     """
     good = np.ones(at.length.shape[:-1], dtype=bool)
     for c, cylinder in enumerate(machine.cylinders):

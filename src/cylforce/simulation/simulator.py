@@ -211,7 +211,7 @@ def specific_force(machine: Machine, effects: Sequence[Imposed], attitude: Attit
 
 
 def _plane(z: Complex) -> Array:
-    """Return complex numbers x + i z as vectors (..., 2)."""
+    """Return complex numbers x + i z (...) as vectors (..., 2), in the same unit."""
     return np.stack([z.real, z.imag], axis=-1)
 
 
@@ -231,7 +231,7 @@ def standing(pitch: float, roll: float, turn: Array) -> Attitude:
 
 
 def base_values(links: tuple[Link, ...], carried: CarriedLoad) -> Array:
-    """Return (J, X, Z, D_excess, E) of every link with the load (T, N, 5).
+    """Return (J, X, Z, D_excess, E) of every link with the load (T, N, 5) [kg m^2, kg m, kg m, kg m^2, kg m^2].
 
     The load adds m l^2 to J and m l to X of all links but the last. It adds its own moments to the last link
     (mechanics/README.md, sections 4 and 9)."""
@@ -313,8 +313,11 @@ def _carried(
 
 
 def _later(machine: Machine, course: Kinematics, attitude: Attitude, s: float) -> Motion:
-    """Return the motion s seconds after each instant, along its parabola, without cylinders, which rigid columns do not
-    use.
+    """Return the motion of the links s seconds after each instant, along its parabola, without cylinders.
+
+    Rigid columns do not use the cylinders.
+
+    course: (T, N) joint angles [rad] with their first and second derivatives
     """
     theta = course.theta + course.thetad * s + course.thetadd * (s * s / 2)
     none = np.zeros((*theta.shape[:-1], 0))

@@ -51,7 +51,10 @@ def carried(mass: float, centre: tuple[float, float]) -> Dig:
 
 
 def load(dig: Dig | None, t: Array) -> CarriedLoad:
-    """Return the load in the bucket at times t (T,) [s]."""
+    """Return the load in the bucket at times t (T,) [s]: mass [kg], centre (T, 2) [m], inertia [kg m^2].
+
+    dig: the digging operation; None: an empty bucket
+    """
     if dig is None:
         return CarriedLoad(np.zeros_like(t), np.zeros((*t.shape, 2)), np.zeros_like(t))
     # clipped, because rounding must not make the mass negative

@@ -122,7 +122,7 @@ class Kinematics(NamedTuple):
 
 
 def follow(scene: Scene, t: Array) -> Kinematics:
-    """Return the motion of a scene at times t (T,) [s] from its start."""
+    """Return the motion of a scene at times t (T,) [s] from its start: angles [rad] and their derivatives."""
     theta, thetad, thetadd = np.stack([course.at(t) for course in scene.joints], axis=-1)
     turn, slew = scene.slew.at(t)[:2]
     starts = np.array([start for start, _ in scene.phases])
