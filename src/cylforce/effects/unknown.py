@@ -31,13 +31,13 @@ class UnknownTorque:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            NAME,
-            "N m",
-            100.0,
-            1e6,
-            Place.LINK,
-            "for some seconds at a time, at one joint",
-            "the same moves again: does it come back with posture, speed, load or time?",
+            name=NAME,
+            unit="N m",
+            low=100.0,
+            high=1e6,
+            place=Place.LINK,
+            shows="for some seconds at a time, at one joint",
+            confirm="the same moves again: does it come back with posture, speed, load or time?",
             axes=SHAPES,
         )
 
@@ -62,13 +62,13 @@ class PostureTorque:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            NAME,
-            "N m",
-            100.0,
-            2e4,
-            Place.LINK,
-            "at the same angles again and again",
-            "the joint alone, slowly, thrice through its range: does it come back?",
+            name=NAME,
+            unit="N m",
+            low=100.0,
+            high=2e4,
+            place=Place.LINK,
+            shows="at the same angles again and again",
+            confirm="the joint alone, slowly, thrice through its range: does it come back?",
             axes=BENDS,
         )
 
@@ -99,13 +99,13 @@ class OthersPressure:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            NAME,
-            "of pressure",
-            0.005,
-            0.05,
-            Place.LINK,
-            "where another cylinder is under load",
-            "the other joint against its stop, this one at rest",
+            name=NAME,
+            unit="of pressure",
+            low=0.005,
+            high=0.05,
+            place=Place.LINK,
+            shows="where another cylinder is under load",
+            confirm="the other joint against its stop, this one at rest",
             axes=OTHERS,
         )
 

@@ -27,13 +27,13 @@ class AsymmetricFriction:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "asymmetric_friction",
-            "N",
-            100.0 * self._directions,
-            1.8e3 * self._directions,
-            Place.CYLINDER,
-            f"in motion {'one way only' if self.way else 'either way, the same sign'}; nothing at rest",
-            "slow strokes both ways, then hold each pose reached from either side: at rest it must vanish",
+            name="asymmetric_friction",
+            unit="N",
+            low=100.0 * self._directions,
+            high=1.8e3 * self._directions,
+            place=Place.CYLINDER,
+            shows=f"in motion {'one way only' if self.way else 'either way, the same sign'}; nothing at rest",
+            confirm="slow strokes both ways, then hold each pose reached from either side: at rest it must vanish",
         )
 
     @property

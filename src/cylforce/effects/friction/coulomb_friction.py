@@ -21,13 +21,13 @@ class CoulombFriction:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "coulomb_friction",
-            "N",
-            200.0,
-            2e4,
-            Place.CYLINDER,
-            "in motion, reversing with the direction, whatever the speed",
-            "slow strokes both ways at one speed, then at twice that speed: the jump at reversal stays",
+            name="coulomb_friction",
+            unit="N",
+            low=200.0,
+            high=2e4,
+            place=Place.CYLINDER,
+            shows="in motion, reversing with the direction, whatever the speed",
+            confirm="slow strokes both ways at one speed, then at twice that speed: the jump at reversal stays",
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

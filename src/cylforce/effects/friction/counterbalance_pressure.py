@@ -29,13 +29,13 @@ class CounterbalancePressure:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "counterbalance_pressure",
-            "N",
-            1000.0,  # 5 bar on 20 cm^2
-            9e4,  # 60 bar on 150 cm^2
-            Place.CYLINDER,
-            "while the cylinder lowers its load, nothing while it lifts or rests",
-            "lower and lift the same load at one slow speed, with a gauge on either side of the valve",
+            name="counterbalance_pressure",
+            unit="N",
+            low=1000.0,  # 5 bar on 20 cm^2
+            high=9e4,  # 60 bar on 150 cm^2
+            place=Place.CYLINDER,
+            shows="while the cylinder lowers its load, nothing while it lifts or rests",
+            confirm="lower and lift the same load at one slow speed, with a gauge on either side of the valve",
             form=0.2,  # chosen: the pilot pressure oscillates, and depends on the flow
         )
 

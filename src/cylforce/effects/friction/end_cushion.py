@@ -29,13 +29,13 @@ class EndCushion:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "end_cushion",
-            "N",
-            500.0,
-            1e5,
-            Place.CYLINDER,
-            "in motion into the last centimetres of a stroke only",
-            "strokes into both ends at two speeds, and out of them",
+            name="end_cushion",
+            unit="N",
+            low=500.0,
+            high=1e5,
+            place=Place.CYLINDER,
+            shows="in motion into the last centimetres of a stroke only",
+            confirm="strokes into both ends at two speeds, and out of them",
             sign=1,
             form=0.2,  # chosen: taper and gap differ from machine to machine
         )

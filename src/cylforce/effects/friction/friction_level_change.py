@@ -16,13 +16,13 @@ class FrictionLevelChange:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "friction_level_change",
-            "1",
-            0.08,
-            2.0,
-            Place.CYLINDER,
-            "in motion, as the known friction of that cylinder",
-            "the same slow and fast strokes as at commissioning",
+            name="friction_level_change",
+            unit="1",
+            low=0.08,
+            high=2.0,
+            place=Place.CYLINDER,
+            shows="in motion, as the known friction of that cylinder",
+            confirm="the same slow and fast strokes as at commissioning",
         )
 
     @property

@@ -30,13 +30,13 @@ class FrictionTemperatureDrift:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "friction_temperature_drift",
-            "1",
-            0.1,
-            2.0,
-            Place.CYLINDER if self.alone else Place.MACHINE,
-            "in motion, first quickly and then ever more slowly changing",
-            "the same strokes at the start and the end of a shift, oil temperature noted",
+            name="friction_temperature_drift",
+            unit="1",
+            low=0.1,
+            high=2.0,
+            place=Place.CYLINDER if self.alone else Place.MACHINE,
+            shows="in motion, first quickly and then ever more slowly changing",
+            confirm="the same strokes at the start and the end of a shift, oil temperature noted",
             form=0.1,  # chosen: viscosity is exponential in the temperature, and work is not even
         )
 

@@ -20,13 +20,13 @@ class LoadDependentFriction:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "load_dependent_friction",
-            "1",
-            0.004,
-            0.08,
-            Place.CYLINDER,
-            "in motion, more under load",
-            "the same slow strokes empty and with a known load",
+            name="load_dependent_friction",
+            unit="1",
+            low=0.004,
+            high=0.08,
+            place=Place.CYLINDER,
+            shows="in motion, more under load",
+            confirm="the same slow strokes empty and with a known load",
         )
 
     @property

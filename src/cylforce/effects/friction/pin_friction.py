@@ -30,13 +30,13 @@ class PinFriction:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "pin_friction",
-            "m",
-            0.001,  # mu 0.05, greased, on a pin of 40 mm
-            0.03,  # mu 0.5, dry and worn, on a pin of 120 mm
-            Place.LINK,
-            "in motion of that joint, reversing with it, more where pin and cylinder press hard",
-            "grease the pin, then the same strokes again",
+            name="pin_friction",
+            unit="m",
+            low=0.001,  # mu 0.05, greased, on a pin of 40 mm
+            high=0.03,  # mu 0.5, dry and worn, on a pin of 120 mm
+            place=Place.LINK,
+            shows="in motion of that joint, reversing with it, more where pin and cylinder press hard",
+            confirm="grease the pin, then the same strokes again",
             sign=1,
             form=0.1,  # chosen: bushes of both ends wear differently
         )

@@ -24,13 +24,13 @@ class PreslidingHysteresis:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "presliding_hysteresis",
-            "N",
-            300.0,
-            1e4,
-            Place.CYLINDER,
-            "within millimetres after a reversal, gone after them",
-            "many short strokes of 2 to 20 mm both ways",
+            name="presliding_hysteresis",
+            unit="N",
+            low=300.0,
+            high=1e4,
+            place=Place.CYLINDER,
+            shows="within millimetres after a reversal, gone after them",
+            confirm="many short strokes of 2 to 20 mm both ways",
             sign=1,
             form=0.2,  # chosen: the true shape of the build-up differs from machine to machine
         )

@@ -25,13 +25,13 @@ class ReturnLineLoss:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "return_line_loss",
-            "N",
-            800.0,  # 2 bar at 0.3 m/s on 40 cm^2
-            9e4,  # 15 bar at 0.3 m/s in both lines, on 600 cm^2
-            Place.CYLINDER,
-            "at high speed only",
-            "the fastest strokes both ways, pressures at both ends of the hose compared",
+            name="return_line_loss",
+            unit="N",
+            low=800.0,  # 2 bar at 0.3 m/s on 40 cm^2
+            high=9e4,  # 15 bar at 0.3 m/s in both lines, on 600 cm^2
+            place=Place.CYLINDER,
+            shows="at high speed only",
+            confirm="the fastest strokes both ways, pressures at both ends of the hose compared",
             axes=2,
             form=0.2,  # chosen: bends, hoses and fittings follow no one power
         )

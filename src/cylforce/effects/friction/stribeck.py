@@ -19,13 +19,13 @@ class Stribeck:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "stribeck",
-            "N",
-            200.0,
-            1e4,
-            Place.CYLINDER,
-            "below the speed `width`, gone above it",
-            "creep both ways at 3 to 30 mm/s",
+            name="stribeck",
+            unit="N",
+            low=200.0,
+            high=1e4,
+            place=Place.CYLINDER,
+            shows="below the speed `width`, gone above it",
+            confirm="creep both ways at 3 to 30 mm/s",
             sign=1,
             form=0.2,  # chosen: the true width and shape differ from machine to machine
         )

@@ -18,13 +18,13 @@ class ViscousFriction:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "viscous_friction",
-            "N s/m",
-            1e3,
-            1e5,
-            Place.CYLINDER,
-            "at speed, nothing at creep",
-            "the same stroke at three speeds: the difference grows in proportion",
+            name="viscous_friction",
+            unit="N s/m",
+            low=1e3,
+            high=1e5,
+            place=Place.CYLINDER,
+            shows="at speed, nothing at creep",
+            confirm="the same stroke at three speeds: the difference grows in proportion",
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

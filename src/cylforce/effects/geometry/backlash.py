@@ -30,13 +30,13 @@ class Backlash:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "backlash",
-            "rad",
-            0.002,
-            0.05,
-            Place.LINK,
-            "where the joint's torque changes its sign",
-            "push the link by hand, or with the tool on the ground, both ways",
+            name="backlash",
+            unit="rad",
+            low=0.002,
+            high=0.05,
+            place=Place.LINK,
+            shows="where the joint's torque changes its sign",
+            confirm="push the link by hand, or with the tool on the ground, both ways",
             sign=1,
             form=0.2,  # chosen: it rebounds, and its load moves it differently
         )

@@ -25,13 +25,13 @@ class BoomMotion:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "boom_motion",
-            "m",
-            0.5,
-            8.0,
-            Place.MACHINE,
-            "while the measured pitch changes, with the acceleration of the first pin",
-            "the same moves with the boom, or whatever carries the first link, held still",
+            name="boom_motion",
+            unit="m",
+            low=0.5,
+            high=8.0,
+            place=Place.MACHINE,
+            shows="while the measured pitch changes, with the acceleration of the first pin",
+            confirm="the same moves with the boom, or whatever carries the first link, held still",
             axes=2,
             form=0.05,
         )

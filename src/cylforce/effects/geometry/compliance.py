@@ -24,13 +24,13 @@ class Compliance:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "compliance",
-            "rad/(N m)",
-            4e-8,
-            8e-6,
-            Place.LINK,
-            "under load, with the posture",
-            "the same poses empty and with a known load, the tip surveyed",
+            name="compliance",
+            unit="rad/(N m)",
+            low=4e-8,
+            high=8e-6,
+            place=Place.LINK,
+            shows="under load, with the posture",
+            confirm="the same poses empty and with a known load, the tip surveyed",
             sign=1,
         )
 

@@ -23,13 +23,13 @@ class LinkageGeometry:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "linkage_geometry",
-            "m",
-            0.003,
-            0.04,
-            Place.LINK,
-            "with the posture, in proportion to the cylinder's force",
-            "survey the pins of that linkage",
+            name="linkage_geometry",
+            unit="m",
+            low=0.003,
+            high=0.04,
+            place=Place.LINK,
+            shows="with the posture, in proportion to the cylinder's force",
+            confirm="survey the pins of that linkage",
             axes=2,
         )
 

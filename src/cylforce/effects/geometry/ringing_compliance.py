@@ -32,13 +32,13 @@ class RingingCompliance:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "ringing_compliance",
-            "rad/(N m)",
-            4e-8,
-            8e-6,
-            Place.LINK,
-            "as a decaying oscillation after starts and stops, and under load with the posture",
-            "stop the joint sharply and count the swings of its pressure",
+            name="ringing_compliance",
+            unit="rad/(N m)",
+            low=4e-8,
+            high=8e-6,
+            place=Place.LINK,
+            shows="as a decaying oscillation after starts and stops, and under load with the posture",
+            confirm="stop the joint sharply and count the swings of its pressure",
             sign=1,
             form=0.2,  # chosen: its frequency falls as the arm reaches out
         )

@@ -30,13 +30,13 @@ class SoftGround:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "soft_ground",
-            "rad/(N m)",
-            1e-8,
-            1e-6,
-            Place.MACHINE,
-            "in all joints alike, with the reach of the arm and with its starts and stops",
-            "the same moves on concrete; or a level on the house, arm in and arm out",
+            name="soft_ground",
+            unit="rad/(N m)",
+            low=1e-8,
+            high=1e-6,
+            place=Place.MACHINE,
+            shows="in all joints alike, with the reach of the arm and with its starts and stops",
+            confirm="the same moves on concrete; or a level on the house, arm in and arm out",
             sign=1,
             form=0.2,  # chosen: soil gives more at its edges, and creeps
         )

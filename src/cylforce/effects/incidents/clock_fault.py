@@ -14,13 +14,13 @@ class ClockFault:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "clock_fault",
-            "s",
-            0.005,
-            5.0,
-            Place.MACHINE,
-            "while the motion changes, in all pressures alike, from one instant on or growing",
-            "record SYNC and compare both nodes' time stamps",
+            name="clock_fault",
+            unit="s",
+            low=0.005,
+            high=5.0,
+            place=Place.MACHINE,
+            shows="while the motion changes, in all pressures alike, from one instant on or growing",
+            confirm="record SYNC and compare both nodes' time stamps",
         )
 
     @property

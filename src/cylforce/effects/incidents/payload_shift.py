@@ -13,13 +13,13 @@ class PayloadShift:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "payload_shift",
-            "kg m",
-            40.0,
-            1e3,
-            Place.TOOL,
-            "from one instant on, mostly in the last joint",
-            "look into the bucket before and after",
+            name="payload_shift",
+            unit="kg m",
+            low=40.0,
+            high=1e3,
+            place=Place.TOOL,
+            shows="from one instant on, mostly in the last joint",
+            confirm="look into the bucket before and after",
             axes=2,
         )
 

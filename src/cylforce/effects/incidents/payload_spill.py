@@ -16,14 +16,14 @@ class PayloadSpill:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "payload_spill",
-            "kg",
-            40.0,
-            3e3,
-            Place.TOOL,
-            "from one instant on, like a smaller load",
-            "weigh what is left",
-            -1,
+            name="payload_spill",
+            unit="kg",
+            low=40.0,
+            high=3e3,
+            place=Place.TOOL,
+            shows="from one instant on, like a smaller load",
+            confirm="weigh what is left",
+            sign=-1,
         )
 
     @property

@@ -17,13 +17,13 @@ class ExtraMass:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "extra_mass",
-            "kg",
-            15.0,
-            1500.0,
-            Place.LINK,
-            "with the posture, at rest too, in this joint and all before it",
-            "take it off, or weigh the machine",
+            name="extra_mass",
+            unit="kg",
+            low=15.0,
+            high=1500.0,
+            place=Place.LINK,
+            shows="with the posture, at rest too, in this joint and all before it",
+            confirm="take it off, or weigh the machine",
             sign=1,
         )
 

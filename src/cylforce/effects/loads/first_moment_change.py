@@ -17,13 +17,13 @@ class FirstMomentChange:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "first_moment_change",
-            "kg m",
-            20.0,
-            2e3,
-            Place.LINK,
-            "with the posture, at rest too, in this joint and all before it alike",
-            "hold poses from either side, slowly, over the whole range",
+            name="first_moment_change",
+            unit="kg m",
+            low=20.0,
+            high=2e3,
+            place=Place.LINK,
+            shows="with the posture, at rest too, in this joint and all before it alike",
+            confirm="hold poses from either side, slowly, over the whole range",
             axes=2,
         )
 

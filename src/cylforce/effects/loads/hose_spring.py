@@ -29,13 +29,13 @@ class HoseSpring:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "hose_spring",
-            "N m/rad",
-            50.0,
-            3e3,
-            Place.LINK,
-            "with that joint's angle alone, at rest too, whatever the posture of the others",
-            "the same joint angles with the link before it level and upright; look for tight hoses",
+            name="hose_spring",
+            unit="N m/rad",
+            low=50.0,
+            high=3e3,
+            place=Place.LINK,
+            shows="with that joint's angle alone, at rest too, whatever the posture of the others",
+            confirm="the same joint angles with the link before it level and upright; look for tight hoses",
             sign=1,
             form=0.1,  # chosen: a loop of hose is no exact spring
         )

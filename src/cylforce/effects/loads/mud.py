@@ -25,13 +25,13 @@ class Mud:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "mud",
-            "kg",
-            30.0,
-            1000.0,
-            Place.LINK,
-            "like a mass on the link, more and more as the recording goes on",
-            "clean bucket and stick, then the same poses again",
+            name="mud",
+            unit="kg",
+            low=30.0,
+            high=1000.0,
+            place=Place.LINK,
+            shows="like a mass on the link, more and more as the recording goes on",
+            confirm="clean bucket and stick, then the same poses again",
             sign=1,
             form=0.1,  # chosen: it does not grow evenly
         )

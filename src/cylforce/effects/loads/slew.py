@@ -53,13 +53,13 @@ class Slew:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "slew_centrifugal",
-            "rad^2/s^2",
-            0.005,
-            2.0,
-            Place.MACHINE,
-            "while the house turns, as the centrifugal force of all links",
-            "the same arm motion with the house still",
+            name="slew_centrifugal",
+            unit="rad^2/s^2",
+            low=0.005,
+            high=2.0,
+            place=Place.MACHINE,
+            shows="while the house turns, as the centrifugal force of all links",
+            confirm="the same arm motion with the house still",
             sign=1,
             axes=SHAPES,
         )

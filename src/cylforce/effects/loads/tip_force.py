@@ -34,13 +34,13 @@ class TipForce:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "soil_contact",
-            "N",
-            3e3,
-            1e5,
-            Place.TOOL,
-            "for some seconds at a time, in all joints as one force at the teeth",
-            "the same moves higher above the ground",
+            name="soil_contact",
+            unit="N",
+            low=3e3,
+            high=1e5,
+            place=Place.TOOL,
+            shows="for some seconds at a time, in all joints as one force at the teeth",
+            confirm="the same moves higher above the ground",
             axes=2 * SHAPES,
         )
 

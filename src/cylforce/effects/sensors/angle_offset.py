@@ -15,13 +15,13 @@ class AngleOffset:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "angle_offset",
-            "rad (m)",
-            0.003,
-            0.06,
-            Place.ANGLE,
-            "with the posture, at rest too",
-            "each joint at its end stop, or a spirit level on the link",
+            name="angle_offset",
+            unit="rad (m)",
+            low=0.003,
+            high=0.06,
+            place=Place.ANGLE,
+            shows="with the posture, at rest too",
+            confirm="each joint at its end stop, or a spirit level on the link",
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

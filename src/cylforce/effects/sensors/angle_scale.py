@@ -22,13 +22,13 @@ class AngleScale:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "angle_scale",
-            "1",
-            0.004,
-            0.08,
-            Place.ANGLE,
-            "more the farther from where it was set",
-            "each joint at both end stops",
+            name="angle_scale",
+            unit="1",
+            low=0.004,
+            high=0.08,
+            place=Place.ANGLE,
+            shows="more the farther from where it was set",
+            confirm="each joint at both end stops",
         )
 
     @property

@@ -31,13 +31,13 @@ class Delay:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "sensor_delay",
-            "s",
-            0.008,
-            0.2,
-            Place.SENSOR,
-            "while the motion changes, nothing at constant speed",
-            "quick starts and stops of that joint alone",
+            name="sensor_delay",
+            unit="s",
+            low=0.008,
+            high=0.2,
+            place=Place.SENSOR,
+            shows="while the motion changes, nothing at constant speed",
+            confirm="quick starts and stops of that joint alone",
             sign=1,
         )
 

@@ -21,13 +21,13 @@ class EncoderEccentricity:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "encoder_eccentricity",
-            "rad",
-            0.004,  # 0.1 mm on a radius of 25 mm
-            0.08,  # 0.8 mm on a radius of 10 mm
-            Place.ANGLE,
-            "as a sine of that joint's angle, at rest too",
-            "the joint's angle at five poses over its range, against a level; then look at the sensor's seat",
+            name="encoder_eccentricity",
+            unit="rad",
+            low=0.004,  # 0.1 mm on a radius of 25 mm
+            high=0.08,  # 0.8 mm on a radius of 10 mm
+            place=Place.ANGLE,
+            shows="as a sine of that joint's angle, at rest too",
+            confirm="the joint's angle at five poses over its range, against a level; then look at the sensor's seat",
             axes=2,
         )
 

@@ -34,13 +34,13 @@ class IntermittentGlitch:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "intermittent_glitch",
-            "1",
-            0.002,
-            1.0,
-            Place.SENSOR,
-            "for fractions of a second at random instants, in one sensor alone",
-            "shake plug and cable of that sensor while its reading is watched",
+            name="intermittent_glitch",
+            unit="1",
+            low=0.002,
+            high=1.0,
+            place=Place.SENSOR,
+            shows="for fractions of a second at random instants, in one sensor alone",
+            confirm="shake plug and cable of that sensor while its reading is watched",
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

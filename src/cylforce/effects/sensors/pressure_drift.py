@@ -20,13 +20,13 @@ class PressureDrift:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "pressure_drift",
-            "Pa/h",
-            4e5,
-            2e8,
-            Place.PRESSURE,
-            "more and more as the recording goes on",
-            "the zero before and after the shift",
+            name="pressure_drift",
+            unit="Pa/h",
+            low=4e5,
+            high=2e8,
+            place=Place.PRESSURE,
+            shows="more and more as the recording goes on",
+            confirm="the zero before and after the shift",
         )
 
     @property

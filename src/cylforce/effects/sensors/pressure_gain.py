@@ -15,13 +15,13 @@ class PressureGain:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "pressure_gain",
-            "1",
-            0.004,
-            0.06,
-            Place.PRESSURE,
-            "in proportion to the pressure",
-            "a known load, and the same pressure on a second gauge",
+            name="pressure_gain",
+            unit="1",
+            low=0.004,
+            high=0.06,
+            place=Place.PRESSURE,
+            shows="in proportion to the pressure",
+            confirm="a known load, and the same pressure on a second gauge",
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

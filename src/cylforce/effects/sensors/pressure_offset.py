@@ -15,13 +15,13 @@ class PressureOffset:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "pressure_offset",
-            "Pa",
-            0.4e5,
-            6e5,
-            Place.PRESSURE,
-            "everywhere alike, at rest too",
-            "engine off, lines relieved: all pressures must read zero",
+            name="pressure_offset",
+            unit="Pa",
+            low=0.4e5,
+            high=6e5,
+            place=Place.PRESSURE,
+            shows="everywhere alike, at rest too",
+            confirm="engine off, lines relieved: all pressures must read zero",
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

@@ -29,13 +29,13 @@ class PressureSensorHysteresis:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "pressure_sensor_hysteresis",
-            "Pa",
-            0.5e5,
-            6e5,
-            Place.PRESSURE,
-            "with the sign of the pressure's change, at rest as it was before",
-            "raise and lower the pressure in steps, with a second gauge",
+            name="pressure_sensor_hysteresis",
+            unit="Pa",
+            low=0.5e5,
+            high=6e5,
+            place=Place.PRESSURE,
+            shows="with the sign of the pressure's change, at rest as it was before",
+            confirm="raise and lower the pressure in steps, with a second gauge",
             sign=1,
             form=0.1,  # chosen: real loops lie between both forms
         )

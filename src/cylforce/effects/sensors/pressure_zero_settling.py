@@ -21,13 +21,13 @@ class PressureZeroSettling:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "pressure_zero_settling",
-            "Pa",
-            0.4e5,
-            6e5,
-            Place.PRESSURE,
-            "at the start of the recording, at rest too, and then less and less",
-            "the zero with the lines relieved, before the start and after half an hour",
+            name="pressure_zero_settling",
+            unit="Pa",
+            low=0.4e5,
+            high=6e5,
+            place=Place.PRESSURE,
+            shows="at the start of the recording, at rest too, and then less and less",
+            confirm="the zero with the lines relieved, before the start and after half an hour",
         )
 
     @property

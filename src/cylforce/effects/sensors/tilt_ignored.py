@@ -24,13 +24,13 @@ class TiltIgnored:
     def about(self) -> About:
         """Description of the effect: name, unit, plausible range, location, regimes, confirming experiment."""
         return About(
-            "tilt_ignored",
-            "rad",
-            0.004,
-            0.12,
-            Place.MACHINE,
-            "with the posture, in all joints alike, changing as the house turns",
-            "the same moves with the house turned by half a turn",
+            name="tilt_ignored",
+            unit="rad",
+            low=0.004,
+            high=0.12,
+            place=Place.MACHINE,
+            shows="with the posture, in all joints alike, changing as the house turns",
+            confirm="the same moves with the house turned by half a turn",
             axes=2,
         )
 
