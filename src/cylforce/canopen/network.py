@@ -55,7 +55,7 @@ class Network(canopen.Network):
         self.t_us = 0
         self.periodic: set[Periodic] = set()
         self.send = send
-        self._pollers: list[Callable[[int], None]] = []
+        self._pollers: list[Callable[[int], None]] = []  # called at each poll with its time [us]
 
     def on_frame(self, frame: Frame) -> None:
         """Pass a frame to its subscribers.

@@ -4,6 +4,7 @@ import sqlite3
 from typing import NamedTuple
 
 SHORT, SHIFT, GRAND = "short", "shift", "grand"  # totals
+# Bookings, with how the run of the service is or ended, the data of the truck and the product's name.
 JOINED = (
     "SELECT b.*, s.how AS start_how, t.customer, t.job, t.operator, t.note, p.name AS product_name FROM bookings b "
     "JOIN starts s ON s.id = b.start LEFT JOIN trucks t ON t.number = b.truck "
@@ -56,7 +57,10 @@ def bookings(
 
 
 def totals(connection: sqlite3.Connection, which: str = GRAND) -> list[Total]:
-    """Return totals per product: all (GRAND), or since the operator set SHORT or SHIFT to zero."""
+    """Return the number of loads and their mass [kg] for each product, in the order of the products' numbers.
+
+    which: GRAND: all loads; SHORT or SHIFT: those since the operator set this total to zero
+    """
     values: tuple[str, ...] = ()
     if which == GRAND:
         source = "totals"
@@ -75,14 +79,14 @@ def totals(connection: sqlite3.Connection, which: str = GRAND) -> list[Total]:
 
 
 def cumulated(connection: sqlite3.Connection) -> Cumulated:
-    """Return the two figures that telematics requires."""
+    """Return mass [kg] and number of all loads ever, the two figures that telematics requires."""
     mass, loads = connection.execute("SELECT coalesce(sum(mass), 0.0), coalesce(sum(loads), 0) FROM totals").fetchone()
     last = connection.execute("SELECT t_us FROM bookings WHERE accepted ORDER BY id DESC LIMIT 1").fetchone()
     return Cumulated(mass, loads, None if last is None else last[0])
 
 
 def truck(connection: sqlite3.Connection, number: int) -> sqlite3.Row | None:
-    """Return a truck; None if there is none of this number."""
+    """Return the row of the table `trucks` of a truck; None if there is none of this number."""
     row: sqlite3.Row | None = connection.execute("SELECT * FROM trucks WHERE number = ?", (number,)).fetchone()
     return row
 

@@ -99,7 +99,10 @@ def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
 
 
 def represented(machine: Machine, names: tuple[str, ...]) -> Array:
-    """Return the matrix (P, P) that adds the bars to the links' parameters, as a data sheet's links contain them.
+    """Return the matrix S (P, P) that adds the bars' and cylinders' weight to the links' parameters.
+
+    S @ parameters are the parameters of links that contain their bars, as in a data sheet. Only the 3N parameters of
+    the links change: J [kg m^2], X and Z [kg m] of each of N links, in this order (`Rigid`).
 
     names: of the P parameters, those of the links first
     """
@@ -121,10 +124,10 @@ def _columns(machine: Machine, names: tuple[str, ...]) -> list[int]:
 
 
 def _shares(machine: Machine) -> Array:
-    """Return (3N, K): the J, X, Z of the N links that best represent a unit of each of K bars, by least squares.
+    """Return (3N, K): the J [kg m^2], X and Z [kg m] of each of the N links that best represent K bars and cylinders.
 
-    The static torques of links and bars are compared in POSTURES postures of each joint, without those in which a
-    four-bar is near a dead point."""
+    Column k is for 1 kg m of first moment of bar k, by least squares. The static torques of links and bars are compared
+    in POSTURES postures of each joint, without those in which a four-bar is near a dead point."""
     ranges = [np.linspace(k.angle_low, k.angle_high, POSTURES) for k in machine.links]
     theta = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, machine.size)
     still = motion(machine, theta, np.zeros_like(theta), np.zeros((len(theta), len(machine.cylinders))))

@@ -179,7 +179,7 @@ def _check_drive(machine: Machine, findings: Inspection) -> None:
         # cylinder at the lift arm) adds little; of two cylinders that act on this joint only, each carries a part.
         single = [c for c in acting if machine.spans[c] == (j,)]
         if len(single) == 1:
-            _check_size(machine, j, single[0], findings)
+            _check_holding_pressure(machine, j, single[0], findings)
 
 
 def _check_rod(machine: Machine, c: int, findings: Inspection) -> None:
@@ -190,8 +190,12 @@ def _check_rod(machine: Machine, c: int, findings: Inspection) -> None:
     _judge(findings, ("cylinders", c, "rod_mm"), ratio, ROD, problem)
 
 
-def _check_size(machine: Machine, j: int, c: int, findings: Inspection) -> None:
-    """Check the pressure that a cylinder needs for the rated payload at full reach."""
+def _check_holding_pressure(machine: Machine, j: int, c: int, findings: Inspection) -> None:
+    """Check the pressure that a cylinder needs to hold the rated payload at full reach: on its head side, in bar.
+
+    A cylinder whose linkage closes nowhere has no lever: its pressure is infinite and not judged. `check_cylinder`
+    reports the linkage.
+    """
     pressure = _holding_pressure(machine, j, c) / BAR
     if np.isfinite(pressure):
         problem = (
@@ -204,7 +208,7 @@ def _check_size(machine: Machine, j: int, c: int, findings: Inspection) -> None:
 def _holding_pressure(machine: Machine, j: int, c: int) -> float:
     """Return the pressure p = g sum(m x) / (r A) [Pa] on the head side of a cylinder that holds the rated payload.
 
-    The arm beyond joint j is stretched out and level, at the cylinder's largest lever r.
+    The arm beyond joint j is stretched out and level, at the largest lever r. Infinite where there is no lever.
     """
     theta = np.zeros((181, machine.size))
     theta[:, j] = np.linspace(machine.links[j].angle_low, machine.links[j].angle_high, 181)

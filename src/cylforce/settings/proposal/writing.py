@@ -72,7 +72,13 @@ def _item(value: object) -> Item:
 
 
 def _comments(proposed: ProposedMachine, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Yield keys of the file and their comments."""
+    """Yield the keys of the file that get a comment, and the comment.
+
+    A key is a path, for example ("links", 0, "mass_kg").
+
+    proposed: the machine
+    given:    keys of `figures` that came from the data sheet, for example "boom.mass_kg"
+    """
     tables = proposed.tables
     yield ("machine", "rated_payload_kg"), _source("rated_payload_kg" in given, "data sheet, load chart")
     if "payload_reach_m" in tables["machine"]:
@@ -91,7 +97,12 @@ def _comments(proposed: ProposedMachine, given: frozenset[str]) -> Iterator[tupl
 def _of_link(
     k: int, link: Raw, proposed: ProposedMachine, given: frozenset[str]
 ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Yield keys of link k and their comments."""
+    """Yield keys of link k and their comments, as `_comments`.
+
+    link:     table of the link
+    proposed: the machine, with the angle ranges that were narrowed
+    given:    keys of `figures` that came from the data sheet, for example "boom.mass_kg"
+    """
     name = link["name"]
     if "length_m" in link:
         yield ("links", k, "length_m"), _source(f"{name}.length_m" in given, f"{MEASURE}, from pin to pin")
@@ -109,7 +120,11 @@ def _of_link(
 
 
 def _of_cylinder(k: int, cylinder: Raw, given: frozenset[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Yield keys of cylinder k and their comments."""
+    """Yield keys of cylinder k and their comments, as `_comments`.
+
+    cylinder: table of the cylinder
+    given:    keys of `figures` that came from the data sheet, for example "boom.bore_mm"
+    """
     name = cylinder["name"]
     for key in ("count", "bore_mm", "rod_mm"):
         if key in cylinder:
@@ -137,7 +152,10 @@ def _source(is_given: bool, cure: str) -> str:
 
 
 def _comment(document: Any, key: tuple[str | int, ...], words: str) -> None:  # noqa: ANN401 - any table of tomlkit
-    """Write a comment beside a key."""
+    """Write a comment beside a key.
+
+    key: path of the key, for example ("links", 0, "mass_kg")
+    """
     *path, last = key
     table = document
     for part in path:
