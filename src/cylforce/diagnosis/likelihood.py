@@ -14,7 +14,7 @@ rho, v:  level of the model discrepancy and scale of the white noise of each joi
          each hypothesis
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -756,13 +756,22 @@ class MachineKnowledge:
     @property
     def conditions(self) -> tuple[Conditions, ...]:
         """Conditions that are tried."""
-        return USUAL_CONDITIONS if self.temperature is None else (*USUAL_CONDITIONS, *TEMPERATURES)
+        return (*USUAL_CONDITIONS, *self.temperatures)
+
+    @property
+    def temperatures(self) -> tuple[Conditions, ...]:
+        """Other temperatures that are tried: without a change of friction, those of the sensors alone."""
+        if self.temperature is None:
+            return ()
+        return tuple(c for c in TEMPERATURES if self.temperature.friction is not None or not c.temperature)
 
     def under(self, conditions: Conditions) -> Array:
         """Return the covariance (K, K) of the columns under some conditions."""
         found = self.covariance + np.diag((conditions.variation * self.variation) ** 2)
         if self.temperature is not None and conditions.temperature is not None:
-            found = found + self.temperature.zeros + conditions.temperature**2 * self.temperature.friction
+            found = found + self.temperature.zeros
+            if self.temperature.friction is not None:
+                found = found + conditions.temperature**2 * self.temperature.friction
         return found
 
     @cached_property
@@ -782,15 +791,16 @@ class TemperatureChange:
     """Covariance of the change of a healthy machine at another temperature, in units of the columns' typical sizes.
 
     zeros:    (K, K) of the zeros of pressure sensors
-    friction: (K, K) of the friction with oil of a much higher or lower viscosity
+    friction: (K, K) of the friction with oil of a much higher or lower viscosity; None if the oil is as warm as before
     """
 
     zeros: Array
-    friction: Array
+    friction: Array | None
 
     def padded(self, more: int) -> "TemperatureChange":
         """Return the change of a machine with further columns that the temperature does not change."""
-        return TemperatureChange(*(np.pad(each, (0, more)) for each in (self.zeros, self.friction)))
+        friction = None if self.friction is None else np.pad(self.friction, (0, more))
+        return TemperatureChange(np.pad(self.zeros, (0, more)), friction)
 
 
 @dataclass(frozen=True)
@@ -979,21 +989,39 @@ class Likelihood:
         (K+1,).
         """
         own, fitted = self.fitted(forms, state)
-        log, k = state.log + fitted.gain, 0
-        for p in forms:
+        log = state.log + fitted.gain + self._log_prior(forms, fitted)
+        log += sum(self.support(p, sizes) for p, sizes, _ in self._magnitudes(forms, fitted))
+        return log, fitted, self.residual(own, fitted, state)
+
+    def screening(self, forms: Sequence[int], state: MarginalLikelihood) -> float:
+        """Return the evidence [nats] of some forms at one noise, without that of other data, which takes long."""
+        fitted = self.fitted(forms, state)[1]
+        return fitted.gain - fitted.doubt + self._log_prior(forms, fitted)
+
+    def _log_prior(self, forms: Sequence[int], fitted: Fitted) -> float:
+        """Return the log prior of magnitudes in units of their typical sizes, averaged over their uncertainty."""
+        log = 0.0
+        for p, sizes, covariance in self._magnitudes(forms, fitted):
             form = self.forms[p]
-            m, axes = len(form.columns), form.components
-            unit = self.unit[list(form.columns)]
-            sizes, errors = (
-                fitted.sizes[k : k + m] * unit,
-                fitted.covariance[k : k + m, k : k + m] * np.outer(unit, unit),
-            )
-            log += form.log_prior(sizes, errors) + float(np.sum(np.log(unit[:axes]))) + self.support(p, sizes)
-            log -= 0.5 * float(np.log(2.0 * np.pi)) * (m - axes)
-            k += m
-        residual = np.append(-self.machine.mean - state.fitted + state.follows(own) @ fitted.more, 1.0)
-        residual[own] -= fitted.more
-        return log, fitted, residual
+            unit = self.unit[list(form.columns[: form.components])]
+            log += form.log_prior(sizes, covariance) + float(np.sum(np.log(unit)))
+            log -= 0.5 * float(np.log(2.0 * np.pi)) * (len(sizes) - len(unit))
+        return log
+
+    def _magnitudes(self, forms: Sequence[int], fitted: Fitted) -> Iterator[tuple[int, Array, Array]]:
+        """Yield each form with its sizes (M,) [SI] and their covariance (M, M)."""
+        first = 0
+        for p in forms:
+            unit = self.unit[list(self.forms[p].columns)]
+            own = slice(first, first + len(unit))
+            yield p, fitted.sizes[own] * unit, fitted.covariance[own, own] * np.outer(unit, unit)
+            first += len(unit)
+
+    def residual(self, own: Sequence[int], fitted: Fitted, state: MarginalLikelihood) -> Array:
+        """Return the coefficients (K+1,) of the residual with the magnitudes of some columns."""
+        found = np.append(-self.machine.mean - state.fitted + state.follows(own) @ fitted.more, 1.0)
+        found[own] -= fitted.more
+        return found
 
     @cached_property
     def healthy(self) -> Hypothesis:
@@ -1013,7 +1041,7 @@ class Likelihood:
         """Return the noise of a hypothesis and its marginal likelihood, by expectation maximisation."""
         state = self.state(noise)
         for _ in range(ROUNDS):
-            residual, before = self.under(forms, state)[2], noise
+            residual, before = self.residual(*self.fitted(forms, state), state), noise
             energies = self._energies(residual, state.covariance, noise)
             noise = replace(settled_noise(self.gram, energies, self.machine.noise), conditions=before.conditions)
             if noise.same_as(before):

@@ -28,7 +28,6 @@ from cylforce.diagnosis.constants import (
 )
 from cylforce.diagnosis.likelihood import (
     FREE_PRECISION,
-    TEMPERATURES,
     USUAL_CONDITIONS,
     Conditions,
     Form,
@@ -160,7 +159,7 @@ class FieldQuestion:
     jumps:            evidence [nats] of the number of jumps of a reading, by its signal
     zeros:            readings of pressure sensors without pressure, by their signals
     free:             whether the model's parameters are free, because they may be another machine's
-    same_temperature: whether oil and sensors are certainly as warm as in the references
+    same_oil:         whether the oil is certainly as warm as in the references
     refined_as_read:  an effect with refined shape parameters, whose columns are appended; None if there is none
     """
 
@@ -173,7 +172,7 @@ class FieldQuestion:
     jumps: Mapping[int, float] = field(default_factory=dict)
     zeros: Mapping[int, Zero] = field(default_factory=dict)
     free: bool = False
-    same_temperature: bool = False
+    same_oil: bool = False
     refined_as_read: Refined | None = None
 
     @cached_property
@@ -361,8 +360,9 @@ class FieldQuestion:
             covariance[len(own.mean) + k, len(own.mean) + k] = 1.0
         pad = np.zeros(more)
         change = None
-        if not self.same_temperature and not self.free and self.machine.source.has_temperature:
+        if not self.free and self.machine.source.has_temperature:
             change = self.temperature_change.padded(more)
+            change = replace(change, friction=None) if self.same_oil else change
         return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise, change)
 
     @cached_property
@@ -393,9 +393,9 @@ class FieldQuestion:
         """Return the question with an effect whose shape is refined, its columns appended."""
         return self._keeping(replace(self, refined_as_read=refined), *OF_ROWS, "knowledge")
 
-    def with_same_temperature(self) -> "FieldQuestion":
-        """Return the question of a machine that is certainly as warm as in the references."""
-        return self._keeping(replace(self, same_temperature=True), *OF_ROWS)
+    def with_same_oil(self) -> "FieldQuestion":
+        """Return the question of a machine whose oil is certainly as warm as in the references."""
+        return self._keeping(replace(self, same_oil=True), *OF_ROWS)
 
     def with_free_parameters(self, values: Array) -> "FieldQuestion":
         """Return the question with parameters as uncertain as those of the data sheet.
@@ -639,7 +639,7 @@ def searched(case: Likelihood, wanted: Sequence[int]) -> list[Hypothesis]:
     """
     usual, other = _without_effects(case)
     if other and other[0].log > max(h.log for h in usual):
-        return [*_grown(case, usual, wanted, USUAL_CONDITIONS), *_grown(case, other, wanted, TEMPERATURES)]
+        return [*_grown(case, usual, wanted, USUAL_CONDITIONS), *_grown(case, other, wanted, case.machine.temperatures)]
     return _grown(case, [*usual, *other], wanted, case.machine.conditions)
 
 
@@ -693,8 +693,7 @@ def screened(case: Likelihood, base: Hypothesis, wanted: Sequence[int]) -> list[
     if not free:
         return []
     if case.nuisance is not None:
-        each = {p: tuple(sorted((*base.forms, p))) for p in free}
-        return sorted(free, key=lambda p: case.doubt(each[p], base) - case.under(each[p], state)[0])
+        return sorted(free, key=lambda p: -case.screening((*base.forms, p), state))
     residuals, shift = _with_each(case, base.forms, free, state)
     _, log = likeliest_noise(case.gram, *case.gram.certain_energies(residuals), case.machine.noise)
     log -= 0.5 * np.einsum("hi,hi->h", shift, shift @ case.machine.prior_precision(base.noise.conditions)[0])
@@ -1137,8 +1136,8 @@ def examined(
     watch("hypotheses")
     case = question.likelihood()
     gaps = case.rests(question.plain)
-    if np.count_nonzero(~without_gap(gaps)) < 2:  # the temperature changes every cylinder and its sensors
-        question = question.with_same_temperature()
+    if np.count_nonzero(~without_gap(gaps)) < 2:  # oil changes the friction of every cylinder; sensors have own zeros
+        question = question.with_same_oil()
         case = question.likelihood()
     step = changed_load(question, case)
     if step:
