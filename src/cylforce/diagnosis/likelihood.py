@@ -269,24 +269,28 @@ class Form:
 
         Log-uniform in magnitude from the least to the largest plausible one, in any direction that the sign allows.
         """
+        density, apart = self.density(sizes, covariance)
+        axes = len(apart)
+        return density - improbability(apart, covariance[:axes, :axes])
+
+    def density(self, sizes: Array, covariance: Array) -> tuple[float, Array]:
+        """Return the log prior density of sizes (M,), and how far (A,) they are from the nearest plausible ones.
+
+        The density is averaged over the sizes' uncertainty if they are plausible, so that they are 0 apart. If hardly
+        any draw is plausible, it is that of the nearest plausible sizes.
+        """
         axes = self.components
         root = np.linalg.cholesky(covariance[:axes, :axes] + 1e-300 * np.eye(axes))
         drawn = sizes[:axes] + _DRAWS[:, :axes] @ root.T
         density = np.exp(self._log_density(drawn))
         if np.count_nonzero(density) >= FEWEST_DRAWS:
-            return float(np.log(np.mean(density)))
-        # Hardly any draw is plausible: the density at the nearest plausible magnitude, less how improbable that is.
+            return float(np.log(np.mean(density))), np.zeros(axes)
         magnitude = float(np.linalg.norm(sizes[:axes]))
         nearest = float(np.clip(magnitude, self.low, BEYOND * self.high))
         sign = self.sign if axes == 1 else 0
         wanted = np.array([sign * nearest]) if sign else sizes[:axes] * (nearest / max(magnitude, 1e-300))
-        apart = wanted - sizes[:axes]
         log_range = float(np.log(np.log(BEYOND * self.high / self.low) * _sphere(axes)))
-        return (
-            -axes * float(np.log(nearest))
-            - log_range
-            - 0.5 * float(apart @ np.linalg.solve(covariance[:axes, :axes], apart))
-        )
+        return -axes * float(np.log(nearest)) - log_range, wanted - sizes[:axes]
 
     def _log_density(self, sizes: Array) -> Array:
         axes = self.components
@@ -301,6 +305,11 @@ class Form:
         """Return sizes (M,) scaled down to the largest plausible magnitude."""
         largest = BEYOND * self.high * (1.0 - 1e-9)
         return np.asarray(sizes * min(largest / max(float(np.linalg.norm(sizes[: self.components])), 1e-300), 1.0))
+
+
+def improbability(apart: Array, covariance: Array) -> float:
+    """Return the evidence [nats] against a change (A,) of sizes with a covariance (A, A)."""
+    return 0.5 * float(apart @ np.linalg.solve(covariance, apart)) if np.any(apart) else 0.0
 
 
 def _sphere(axes: int) -> float:
@@ -999,14 +1008,22 @@ class Likelihood:
         return fitted.gain - fitted.doubt + self._log_prior(forms, fitted)
 
     def _log_prior(self, forms: Sequence[int], fitted: Fitted) -> float:
-        """Return the log prior of magnitudes in units of their typical sizes, averaged over their uncertainty."""
-        log = 0.0
+        """Return the log prior of magnitudes in units of their typical sizes, averaged over their uncertainty.
+
+        Magnitudes that are not plausible are changed to plausible ones together: they may depend on each other.
+        """
+        log, moved, apart = 0.0, list[int](), list[float]()
+        first = 0
         for p, sizes, covariance in self._magnitudes(forms, fitted):
             form = self.forms[p]
             unit = self.unit[list(form.columns[: form.components])]
-            log += form.log_prior(sizes, covariance) + float(np.sum(np.log(unit)))
-            log -= 0.5 * float(np.log(2.0 * np.pi)) * (len(sizes) - len(unit))
-        return log
+            density, change = form.density(sizes, covariance)
+            log += density + float(np.sum(np.log(unit))) - 0.5 * float(np.log(2.0 * np.pi)) * (len(sizes) - len(unit))
+            if np.any(change):
+                moved += range(first, first + len(unit))
+                apart += (change / unit).tolist()
+            first += len(sizes)
+        return log - improbability(np.array(apart), fitted.covariance[np.ix_(moved, moved)])
 
     def _magnitudes(self, forms: Sequence[int], fitted: Fitted) -> Iterator[tuple[int, Array, Array]]:
         """Yield each form with its sizes (M,) [SI] and their covariance (M, M)."""
