@@ -195,28 +195,26 @@ class HypothesisEvidence:
         )
 
     @cached_property
-    def temperature_explains(self) -> bool:
-        """True where another temperature of a healthy machine leaves no more than the error of its laws of friction.
+    def oil_explains(self) -> bool:
+        """True where a healthy machine with other oil leaves no more than the error of its laws of friction.
 
         The refitted residual of that machine is compared with LAW_ERROR of the gap.
         """
         healthy = self.found.healthy
         law = LAW_ERROR**2 * max(self.gap**2 - 1.0, 0.0)
-        other = healthy.hypothesis.noise.conditions.temperature is not None
-        return other and healthy.rest**2 - 1.0 <= SAME_MACHINE + law
+        return healthy.hypothesis.noise.conditions.other_oil and healthy.rest**2 - 1.0 <= SAME_MACHINE + law
 
     @property
     def healthy_explains(self) -> bool:
         """True without a gap, or where the likeliest healthy machine refits it.
 
-        Its refitted residual is then that of a healthy machine, or the error of its laws at another temperature.
+        Its refitted residual is then that of a healthy machine, or the error of its laws of friction with other oil.
         """
-        return not self.has_gap or self.found.healthy.rest**2 - 1.0 <= SAME_MACHINE or self.temperature_explains
+        return not self.has_gap or self.found.healthy.rest**2 - 1.0 <= SAME_MACHINE or self.oil_explains
 
     def _is_law_error(self, c: Candidate) -> bool:
-        """Return whether effects explain only the error of the friction laws at another temperature."""
-        warmer = c.hypothesis.noise.conditions.temperature is not None
-        return warmer and bool(c.hypothesis.forms) and self.temperature_explains
+        """Return whether effects explain only the error of the friction laws with other oil."""
+        return c.hypothesis.noise.conditions.other_oil and bool(c.hypothesis.forms) and self.oil_explains
 
     def usual(self, hypothesis: Hypothesis) -> float:
         """Return the probability that the residual of a hypothesis is that of a healthy machine."""
@@ -242,7 +240,7 @@ class HypothesisEvidence:
 
         - Weight of a hypothesis goes to the unknown cause as far as its residual is neither a healthy one nor the error
           of its law. All of it does if the hypothesis explains less than half of the gap.
-        - Weight of effects beside another temperature goes to no gap if `temperature_explains`.
+        - Weight of effects beside other oil goes to no gap if `oil_explains`.
         - Weight of an incident goes to no gap if it is a transient; to the unknown cause if it explains less than half
           of the gap, or if it is contact in more than FEW_BLOCKS.
         - A hypothesis of contact alone in some rows counts as contact, as unknown if that is withdrawn or not wanted;

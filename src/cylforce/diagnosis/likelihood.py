@@ -78,6 +78,11 @@ class Conditions:
     temperature: float | None = None
 
     @property
+    def other_oil(self) -> bool:
+        """True where the oil, and not only the sensors, has another temperature: the friction differs."""
+        return bool(self.temperature)
+
+    @property
     def log_prior(self) -> float:
         """Log prior probability: another temperature is one circumstance more."""
         if self.temperature is None:
@@ -772,7 +777,7 @@ class MachineKnowledge:
         """Other temperatures that are tried: without a change of friction, those of the sensors alone."""
         if self.temperature is None:
             return ()
-        return tuple(c for c in TEMPERATURES if self.temperature.friction is not None or not c.temperature)
+        return tuple(c for c in TEMPERATURES if self.temperature.friction is not None or not c.other_oil)
 
     def under(self, conditions: Conditions) -> Array:
         """Return the covariance (K, K) of the columns under some conditions."""

@@ -43,7 +43,7 @@ from cylforce.signals.parallel import ParallelMap, sequential_map
 MOVING_S = 20.0  # of usable rows of any joint, below which nothing is concluded
 CLOCKS = ClockEffect().about.name
 OTHER_TEMPERATURE = (
-    "friction of the cylinders and zeros of the pressure sensors differ from the references, as at another temperature "
+    "friction of the cylinders or zeros of the pressure sensors differ from the references, as at another temperature "
     "of oil and sensors: nothing is named; if the oil was as warm as then, have cylinders and sensors looked at"
 )
 STEPS = 9  # of a diagnosis after reading its recordings, each of which is one more
