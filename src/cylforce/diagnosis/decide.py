@@ -10,7 +10,6 @@ import numpy as np
 from cylforce.diagnosis.constants import (
     CORRELATED_ROWS,
     COSTS,
-    FEW_BLOCKS,
     LAW_ERROR,
     SAME_EVIDENCE,
     SAME_MACHINE,
@@ -59,12 +58,10 @@ class HypothesisEvidence:
 
     found:     everything that the search found
     withdrawn: causes that their simulation refutes, or that repeat another answer
-    sure:      whether the gap is too large for any healthy machine
     """
 
     found: Found
     withdrawn: frozenset[Key] = frozenset()
-    sure: bool = False
 
     @cached_property
     def candidates(self) -> list[Candidate]:
@@ -161,15 +158,6 @@ class HypothesisEvidence:
         """True where the gap is larger than between two recordings of a healthy machine."""
         return self.gap**2 - 1.0 > SAME_MACHINE
 
-    def explained(self, rest: float) -> float:
-        """Return the share of the gap's energy above the noise floor that is removed.
-
-        It is 1 where the refitted residual is that of a healthy machine.
-        rest: refitted residual at the worst joint, in noise floors
-        """
-        gap, left = self.gap**2 - 1.0, rest**2 - 1.0
-        return 1.0 - left / gap if min(gap, left) > SAME_MACHINE else 1.0
-
     @cached_property
     def strength(self) -> float:
         """Factor that tempers all evidence, from the refitted residual of the likeliest hypothesis.
@@ -194,28 +182,6 @@ class HypothesisEvidence:
             incidents=np.exp(np.array(incidents) - largest).tolist(),
         )
 
-    @cached_property
-    def oil_explains(self) -> bool:
-        """True where a healthy machine with other oil leaves no more than the error of its laws of friction.
-
-        The refitted residual of that machine is compared with LAW_ERROR of the gap.
-        """
-        healthy = self.found.healthy
-        law = LAW_ERROR**2 * max(self.gap**2 - 1.0, 0.0)
-        return healthy.hypothesis.noise.conditions.other_oil and healthy.rest**2 - 1.0 <= SAME_MACHINE + law
-
-    @property
-    def healthy_explains(self) -> bool:
-        """True without a gap, or where the likeliest healthy machine refits it.
-
-        Its refitted residual is then that of a healthy machine, or the error of its laws of friction with other oil.
-        """
-        return not self.has_gap or self.found.healthy.rest**2 - 1.0 <= SAME_MACHINE or self.oil_explains
-
-    def _is_law_error(self, c: Candidate) -> bool:
-        """Return whether effects explain only the error of the friction laws with other oil."""
-        return c.hypothesis.noise.conditions.other_oil and bool(c.hypothesis.forms) and self.oil_explains
-
     def usual(self, hypothesis: Hypothesis) -> float:
         """Return the probability that the residual of a hypothesis is that of a healthy machine."""
         return hypothesis.noise.probability_usual(self.found.case.machine.noise)
@@ -239,27 +205,21 @@ class HypothesisEvidence:
         It is normalised over the candidates and incidents that the search kept. Beside Bayes' rule:
 
         - Weight of a hypothesis goes to the unknown cause as far as its residual is neither a healthy one nor the error
-          of its law. All of it does if the hypothesis explains less than half of the gap.
-        - Weight of effects beside other oil goes to no gap if `oil_explains`.
-        - Weight of an incident goes to no gap if it is a transient; to the unknown cause if it explains less than half
-          of the gap, or if it is contact in more than FEW_BLOCKS.
+          of its law.
+        - Weight of an incident goes to no gap if it is a transient.
         - A hypothesis of contact alone in some rows counts as contact, as unknown if that is withdrawn or not wanted;
           without a gap as no gap.
-        - No gap has no probability if the gap is too large for any healthy machine (`sure`).
         - Without a gap, the unknown cause's probability goes to no gap.
         """
         found: dict[Key, float] = {NO_GAP: 0.0, UNKNOWN: 0.0}
         for c, weight in zip(self.candidates, self.weights.candidates, strict=True):
-            lawful = self.lawful(c) * float(not c.hypothesis.forms or self.explained(c.rest) >= HALF)
+            lawful = self.lawful(c)
             key = self.main(c) if c.hypothesis.forms else self._key_without_effect(c)
-            key = NO_GAP if self._is_law_error(c) else key
             found[key] = found.get(key, 0.0) + weight * lawful
             found[UNKNOWN] += weight * (1.0 - lawful)
         for i, weight in zip(self.incidents, self.weights.incidents, strict=True):
             key = self.key_of(i)
             found[key] = found.get(key, 0.0) + weight
-        if self.sure:
-            found[NO_GAP] = 0.0
         if not self.has_gap:
             found[NO_GAP], found[UNKNOWN] = found[NO_GAP] + found[UNKNOWN], 0.0
         whole = sum(found.values())
@@ -271,15 +231,8 @@ class HypothesisEvidence:
         return i.before**2 - 1.0 <= SAME_MACHINE
 
     def key_of(self, i: BlockIncident | Spill) -> Key:
-        """Return the answer for an incident.
-
-        Transients whose removal does not change the residual beyond that of a healthy machine are no gap. Contact in
-        most blocks is the duty cycle, not an effect.
-        """
-        if self._is_transient(i):
-            return NO_GAP
-        working = i.key[0] == CONTACT and i.share > FEW_BLOCKS
-        return i.key if not working and self.explained(i.rest) >= HALF else UNKNOWN
+        """Return the answer for an incident: a transient of a healthy machine is no gap."""
+        return NO_GAP if self._is_transient(i) else i.key
 
     @property
     def first(self) -> Key:
