@@ -8,7 +8,6 @@ import pytest
 
 from cylforce.diagnosis.constants import (
     CORRELATED_ROWS,
-    FEW_BLOCKS,
     INCIDENT,
     SAME_EVIDENCE,
     SAME_MACHINE,
@@ -101,20 +100,6 @@ def test_the_main_effect_is_the_one_without_which_most_is_lost():
 COLDER = replace(NOISE, conditions=Conditions(temperature=1.0))
 
 
-@pytest.mark.parametrize(
-    ("rest", "first"),
-    [
-        (1.0, NO_GAP),
-        (1.6, NO_GAP),  # the error of the laws of friction: a fifth of the gap of five floors
-        (2.5, OTHER),
-    ],
-)
-def test_an_effect_beside_another_temperature_must_exceed_the_error_of_the_laws_of_friction(rest, first):
-    colder = candidate(60.0, rest=rest, noise=COLDER)
-    assert evidence(candidate(90.0, 2, noise=COLDER), healthy=colder).first == first
-    assert evidence(candidate(90.0, 2), healthy=colder).first == OTHER  # at the same temperature it stays
-
-
 def test_another_temperature_costs_the_prior_of_one_circumstance_more():
     assert sum(np.exp(c.log_prior) for c in TEMPERATURES) == pytest.approx(SECOND_EFFECT)
     assert all(c.log_prior == 0.0 for c in USUAL_CONDITIONS)
@@ -141,30 +126,14 @@ def test_a_law_leaves_a_share_of_a_large_gap_but_not_half_of_it(rest, first):
     assert found.posterior[first] > 0.9
 
 
-def test_a_hypothesis_that_explains_less_than_half_of_the_gap_is_no_cause():
-    assert evidence(candidate(500.0, 2, rest=0.6 * GAP)).first == OTHER
-    assert evidence(candidate(500.0, 2, rest=0.8 * GAP)).first == UNKNOWN
-
-
-def test_a_gap_that_no_healthy_machine_shows_excludes_a_healthy_machine():
-    plain = evidence(candidate(1.0, 2))
-    sure = replace(plain, sure=True)
-    assert plain.posterior[NO_GAP] > 0.3
-    assert sure.posterior[NO_GAP] == 0.0
-    assert sum(sure.posterior.values()) == pytest.approx(1.0)
-
-
 # Incidents
 
 
-@pytest.mark.parametrize(
-    ("key", "share", "first"),
-    [(SLEW, 0.2, SLEW), (SLEW, 0.9, SLEW), (CONTACT, 0.2, CONTACT), (CONTACT, 0.9, UNKNOWN), (UNKNOWN, 0.2, UNKNOWN)],
-)
-def test_contact_in_most_blocks_is_work_but_slewing_is_named_however_long_it_lasts(key, share, first):
-    assert 0.2 < FEW_BLOCKS < 0.9
+@pytest.mark.parametrize("key", [SLEW, CONTACT, UNKNOWN])
+@pytest.mark.parametrize("share", [0.2, 0.9])
+def test_an_incident_is_named_however_long_it_lasts(key, share):
     found = evidence(incidents=[incident(key, 200.0, share)])
-    assert (found.first, found.posterior[found.first]) == (first, pytest.approx(1.0))
+    assert (found.first, found.posterior[found.first]) == (key, pytest.approx(1.0))
 
 
 @pytest.mark.parametrize("key", [UNKNOWN, CONTACT])
@@ -230,7 +199,9 @@ def test_without_a_cause_the_others_have_all_probability():
 
 
 def test_where_every_cause_is_withdrawn_something_unknown_remains():
-    found = evidence(candidate(100.0, 0), sure=True, withdrawn=frozenset({MASS}))
+    """The healthy machine that remains has a residual unlike that of healthy machines."""
+    unlike = candidate(0.0, noise=LOUD)
+    found = evidence(candidate(100.0, 0), healthy=unlike, withdrawn=frozenset({MASS}))
     assert first_effect(found) is None
     assert found.first == UNKNOWN
 

@@ -1098,6 +1098,15 @@ class Likelihood:
         forms = tuple(sorted((*base.forms, form)))
         return self.hypothesis(forms, base.noise, self.doubt(forms, base))
 
+    def nearby(self, base: Hypothesis, form: int) -> Hypothesis:
+        """Return a hypothesis with one form more and the noise of `base`: an approximation for a weak effect."""
+        state, forms = self.state(base.noise), (*base.forms, form)
+        (log, fitted, residual), (before, _, _) = self.under(forms, state), self.under(base.forms, state)
+        errors, rest = np.sqrt(np.diag(fitted.covariance)), float(np.max(self.rests(residual, base.noise)))
+        return Hypothesis(
+            forms, base.log + log - before - fitted.doubt, base.noise, fitted.sizes, errors, rest, fitted.doubt
+        )
+
     def likeliest(
         self,
         forms: Sequence[int],
