@@ -104,12 +104,15 @@ class HypothesisEvidence:
 
     @cached_property
     def _prior(self) -> dict[Key, float]:
-        """Log prior of each form: equal for all names, and within a name for all its locations and forms."""
+        """Log prior of each form: equal for all names, and within a name for all its locations and forms.
+
+        Half of the unknown cause's prior is that of torques in single blocks, which are incidents.
+        """
         forms, found = self.found.question.forms, dict[Key, float]()
         for form in forms:
             places = len({f.at for f in forms if f.name == form.name})
             shapes = sum(f.key == form.key for f in forms)
-            whole = UNKNOWN_EFFECT if form.name == UNKNOWN[0] else (1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names
+            whole = UNKNOWN_EFFECT / 2.0 if form.name == UNKNOWN[0] else (1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names
             found[form.key] = float(np.log(whole / places / shapes))
         return found
 
@@ -141,7 +144,7 @@ class HypothesisEvidence:
         if self._is_transient(i):
             return float(np.log(HEALTHY))
         if i.key == UNKNOWN:
-            return float(np.log(UNKNOWN_EFFECT / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
+            return float(np.log(UNKNOWN_EFFECT / 2.0 / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
         # Loads are separate evidence, but a model error that the work leaves is common to them.
         odds = effective_share(i.rest) * i.odds if isinstance(i, Spill) else 0.0
         return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names)) + odds
