@@ -9,12 +9,12 @@ import pytest
 
 from cylforce.commissioning.identification import identify
 from cylforce.diagnosis import diagnose, question_of
-from cylforce.diagnosis.constants import CREEP_CHANGE, STATIC_CHANGE, VARYING_CHANGE
+from cylforce.diagnosis.constants import VARYING_CHANGE
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import (
-    CREEP,
+    CHANGES,
+    LEARNT,
     REGIMES,
-    VARYING,
     KnowledgeSource,
     fitted_parameters,
     forms_of,
@@ -23,13 +23,13 @@ from cylforce.diagnosis.model import (
     quiet_blocks,
     regime,
 )
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors, typical_incidents
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import INCIDENTAL
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.readings.constants import BLOCK_ROWS
+from cylforce.readings.recording import Recording
 from cylforce.settings.identified import read_identified, write_identified
 from cylforce.settings.machine_file import load
 from diagnosis.scenes import (
@@ -78,7 +78,7 @@ def test_errors_of_sensors_and_masses_do_not_change_from_run_to_run_but_friction
             continue
         static = layout.static[list(columns)]
         assert np.all(static == static[0])
-        if p.name in (*VARYING, *CREEP) or p.rubs:
+        if p.about.varies in LEARNT or p.rubs:
             assert not np.any(static), p.name
         if p.name in ("angle_offset", "pressure_gain", "extra_mass", "linkage_geometry"):
             assert np.all(static), p.name
@@ -142,10 +142,9 @@ def test_blocks_with_contact_in_a_reference_do_not_count():
 def stated(machine, name):
     """Return the columns of an effect, and the variation that physics states for them."""
     layout = machine.layout
-    change = CREEP_CHANGE if name in CREEP else VARYING_CHANGE if name in VARYING else STATIC_CHANGE
-    form = next(f for f in forms_of(layout) if f.name == name)
+    about = next(p.about for p in layout.proposals if p.name == name)
     columns = [c for f in forms_of(layout) if f.name == name for c in f.columns]
-    return columns, change * form.low / layout.unit[columns[0]]
+    return columns, CHANGES[about.varies] * about.low / layout.unit[columns[0]]
 
 
 def test_references_that_differ_teach_a_larger_run_to_run_variation_and_like_ones_a_smaller_one():

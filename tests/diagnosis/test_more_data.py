@@ -8,7 +8,6 @@ import pytest
 from cylforce import diagnosis
 from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.model import HealthyMachine, fitted_parameters, learnt
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.search import NO_GAP, examined
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
@@ -22,6 +21,7 @@ from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.estimation.model import Model
 from cylforce.programs.experiments.catalogue import checkup
+from cylforce.readings.recording import Recording
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves
 from cylforce.simulation.sensing import run, sensors

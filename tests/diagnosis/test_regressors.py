@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis.model import ColumnLayout, fitted_parameters
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors, courses
 from cylforce.effects.fault import SHAPES, Alteration, Distortion, TimeCourse
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
@@ -20,6 +19,7 @@ from cylforce.estimation.model import FRICTION, Model
 from cylforce.estimation.regressor import FilteredRegressor, Regressor
 from cylforce.mechanics.installation import Filters
 from cylforce.readings.constants import BLOCK_ROWS, ROWS_HZ
+from cylforce.readings.recording import Recording
 from cylforce.signals.kinds import Kind, Signal
 from diagnosis.scenes import MACHINE, RATE_HZ, SERVICE, effect, recorded
 from machines import excavator, stick_and_bucket

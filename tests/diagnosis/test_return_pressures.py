@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import TorqueRows, return_evidence, return_laws, return_levels
 from cylforce.effects.library import Proposal
 from cylforce.effects.sensors.pressure_drift import PressureDrift
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.readings.constants import BLOCK_ROWS, ROWS_HZ
+from cylforce.readings.recording import Recording
 from diagnosis.scenes import MACHINE, RATE_HZ
 
 NAMES = [s.name for s in MACHINE.signals]

@@ -39,7 +39,6 @@ from cylforce.diagnosis.explain import (
 )
 from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, noisy_twin, with_noise
 from cylforce.diagnosis.model import identified as model_identified
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.search import (
     NO_GAP,
@@ -55,6 +54,7 @@ from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import Proposal
 from cylforce.estimation.model import Model
 from cylforce.readings.constants import BLOCK_ROWS, HALF
+from cylforce.readings.recording import Recording
 from cylforce.readings.zeros import Zero
 from cylforce.signals.estimate import Array
 from cylforce.signals.parallel import ParallelMap, sequential_map

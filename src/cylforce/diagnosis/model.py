@@ -23,7 +23,6 @@ from cylforce.diagnosis.likelihood import (
     largest_discrepancy,
     settled_noise,
 )
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import (
     BARS,
     CLOCK_COLUMN,
@@ -34,13 +33,14 @@ from cylforce.diagnosis.regressors import (
     typical_incidents,
 )
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
-from cylforce.effects.fault import INCIDENTAL, SHAPES, TORQUES, BaseMotion, TimeCourse
+from cylforce.effects.fault import INCIDENTAL, SHAPES, TORQUES, BaseMotion, RunToRun, TimeCourse
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.estimation.model import Model
 from cylforce.readings.constants import BLOCK_ROWS, LOAD_CENTRE
+from cylforce.readings.recording import Recording
 from cylforce.signals.estimate import Array
 from cylforce.signals.parallel import ParallelMap, sequential_map
 
@@ -55,9 +55,13 @@ FEWEST_REFERENCES = 2  # recordings, from which on the run-to-run variation is l
 VARIATION_TIMES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # factors on the stated variation; a factor of two is one sigma
 PRIOR_SHARES = (1.0, 0.5, 0.25, 0.125, 0.06)  # factors on the healthy spread of effects that are tried
 UNSEEN_WIDTH = 3.0  # factor on the spread of a noise that no reference shows
-VARYING = ("coulomb_friction", "viscous_friction", "friction_level_change", "asymmetric_friction", "pressure_offset")
-CREEP = ("stribeck", "presliding_hysteresis")
-START_TO_START = ("clock_fault",)  # references of one start do not show how it varies
+CHANGES = {  # run-to-run variation, in least plausible magnitudes
+    RunToRun.STATIC: STATIC_CHANGE,
+    RunToRun.VARYING: VARYING_CHANGE,
+    RunToRun.CREEP: CREEP_CHANGE,
+    RunToRun.EACH_START: VARYING_CHANGE,
+}
+LEARNT = (RunToRun.VARYING, RunToRun.CREEP)  # kinds of variation that references of one day show
 PHASE = 6.0**-0.5  # of a sampling period: standard deviation of the difference of the ages of two readings (uniform)
 
 
@@ -160,7 +164,7 @@ class ColumnLayout:
         """True where columns (K,) are errors of sensors, geometry or masses, which do not change from run to run."""
         found = np.zeros(self.size, dtype=np.bool_)
         for p, columns in zip(self.proposals, self.places, strict=True):
-            if not p.course and p.name not in (*VARYING, *CREEP) and (p.bends or p.weighs):
+            if not p.course and p.about.varies not in LEARNT and (p.bends or p.weighs):
                 found[list(columns)] = True
         return found
 
@@ -537,12 +541,11 @@ def _learnt_machine(
                 break
             best = fit
     noise, mean, covariance, _, healthy = best
-    forms = forms_of(layout)
-    variation = _stated_variation(layout, forms, rate_hz)
-    covariance = _unsure_signs(forms, layout.unit, mean[:size], covariance[:size, :size])
+    variation = _stated_variation(layout, rate_hz)
+    covariance = _unsure_signs(forms_of(layout), layout.unit, mean[:size], covariance[:size, :size])
     found = MachineKnowledge(mean[:size], covariance, variation, noise)
     if len(grams) >= FEWEST_REFERENCES:
-        found = replace(found, variation=_learnt_variation(layout, forms, grams, healthy, variation))
+        found = replace(found, variation=_learnt_variation(layout, grams, healthy, variation))
     return found
 
 
@@ -609,17 +612,16 @@ def lasting(layout: ColumnLayout) -> list[Proposal]:
     return [p for p in layout.proposals if p.course is not TimeCourse.WINDOWS]
 
 
-def _stated_variation(layout: ColumnLayout, forms: Sequence[Form], rate_hz: float) -> Array:
+def _stated_variation(layout: ColumnLayout, rate_hz: float) -> Array:
     """Return the run-to-run variation (K,) from constants of the effects' physics."""
     found = np.zeros(layout.size)
-    for form in forms:
-        if not form.columns:
+    for p, columns in zip(layout.proposals, layout.places, strict=True):
+        if p.course is TimeCourse.WINDOWS or not columns:
             continue
-        own = list(form.columns)
-        change = CREEP_CHANGE if form.name in CREEP else VARYING_CHANGE if form.name in VARYING else STATIC_CHANGE
-        if form.name in START_TO_START:
-            change = max(VARYING_CHANGE, PHASE / rate_hz / form.low)
-        found[own] = np.maximum(found[own], change * form.low / layout.unit[own[0]])
+        own, change = list(columns), CHANGES[p.about.varies]
+        if p.about.varies is RunToRun.EACH_START:
+            change = max(change, PHASE / rate_hz / p.about.low)
+        found[own] = np.maximum(found[own], change * p.about.low / layout.unit[own[0]])
     if layout.base_moves:  # another slope, another stiffness of the ground
         for p, columns in zip(layout.proposals, layout.places, strict=True):
             if isinstance(p.group[0], BaseMotion):
@@ -644,16 +646,16 @@ def _unsure_signs(forms: Sequence[Form], unit: Array, mean: Array, covariance: A
     return found
 
 
-def _learnt_variation(
-    layout: ColumnLayout, forms: Sequence[Form], grams: Sequence[Gram], healthy: Array, stated: Array
-) -> Array:
+def _learnt_variation(layout: ColumnLayout, grams: Sequence[Gram], healthy: Array, stated: Array) -> Array:
     """Return the run-to-run variation (K,) that makes each recording most probable given the others.
 
     Only friction and pressure zeros are scaled, which vary by their nature. Recordings of different motion predict each
     other badly by model error; geometry, masses and gains do not vary.
     """
     varying = np.zeros(layout.size, dtype=np.bool_)
-    varying[[c for f in forms if f.name in (*VARYING, *CREEP) for c in f.columns]] = True
+    for p, columns in zip(layout.proposals, layout.places, strict=True):
+        if p.course is not TimeCourse.WINDOWS and p.about.varies in LEARNT:
+            varying[list(columns)] = True
     fits = [_posterior_of(Gram.total([g for j, g in enumerate(grams) if j != k]), healthy) for k in range(len(grams))]
     more, logs = np.zeros(len(healthy) - layout.size), []
     for times in VARIATION_TIMES:
@@ -694,7 +696,7 @@ def identified(
     whole = np.diag(known)
     whole[:count, :count] = covariance / np.outer(layout.unit[:count], layout.unit[:count])
     noise = ResidualNoise(np.ones(joints), np.ones(joints), np.full(joints, UNSEEN_WIDTH))
-    variation = _stated_variation(layout, forms_of(layout), regressors.model.filters.rate_hz)
+    variation = _stated_variation(layout, regressors.model.filters.rate_hz)
     machine = MachineKnowledge(np.zeros(layout.size), whole, variation, noise)
     squares = np.tile(unexplained**2, (FOLDS, 1))
     return HealthyMachine(
@@ -728,7 +730,7 @@ def with_proposals(machine: HealthyMachine, more: Sequence[Proposal]) -> Healthy
     mean = np.insert(whole.mean, at, zeros)
     covariance = np.insert(np.insert(whole.covariance, at, 0.0, axis=0), at, 0.0, axis=1)
     covariance[new, new] = layout.healthy[new] ** 2
-    stated = _stated_variation(layout, forms_of(layout), machine.regressors.model.filters.rate_hz)
+    stated = _stated_variation(layout, machine.regressors.model.filters.rate_hz)
     variation = np.insert(whole.variation, at, stated[new])
     known = replace(whole, mean=mean, covariance=covariance, variation=variation)
     return replace(machine, layout=layout, machine=known, values=np.insert(machine.values, at, zeros))

@@ -16,7 +16,6 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from cylforce.diagnosis.recordings import Recording
 from cylforce.effects.effect import Effect, Halves, Parameter
 from cylforce.effects.fault import (
     INCIDENTAL,
@@ -65,6 +64,7 @@ from cylforce.estimation.sensitivity import Sensitivity
 from cylforce.mechanics.machine import Machine, with_parameters
 from cylforce.mechanics.motion import Motion
 from cylforce.readings.constants import BLOCK_ROWS, LOAD_CENTRE, ROWS_HZ
+from cylforce.readings.recording import Recording
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 

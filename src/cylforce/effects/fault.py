@@ -30,6 +30,21 @@ class Place(StrEnum):
     TOOL = "last link"
 
 
+class RunToRun(StrEnum):
+    """How an effect varies on a healthy machine from one recording to the next.
+
+    STATIC:     not at all: geometry, masses and gains
+    VARYING:    by its nature: friction and the zeros of pressure sensors, which follow the temperature
+    CREEP:      as friction at creep, whose law is the least certain
+    EACH_START: with each start of the machine, as the phases of clocks: references of one start do not show it
+    """
+
+    STATIC = "static"
+    VARYING = "varying"
+    CREEP = "creep"
+    EACH_START = "each start"
+
+
 class About(NamedTuple):
     """Description of an effect.
 
@@ -44,6 +59,7 @@ class About(NamedTuple):
     axes:    number of its sizes that are components of the magnitude
     form:    relative standard error of a size because the law is only approximate; at least 0.01, the error of levers
              and areas, which turn the size into torque
+    varies:  how it varies on a healthy machine from one recording to the next
     """
 
     name: str
@@ -56,6 +72,7 @@ class About(NamedTuple):
     sign: int = 0
     axes: int = 1
     form: float = 0.01
+    varies: RunToRun = RunToRun.STATIC
 
 
 class ShapeRange(NamedTuple):

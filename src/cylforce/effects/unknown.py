@@ -1,8 +1,8 @@
 """Unknown torques at one joint, with which the library's effects are compared.
 
 They last some seconds, or vary with the joint's angle, or with the pressures of other cylinders; otherwise they are
-arbitrary. A cause is named only if it is more probable than these. The first family has half of the prior probability of
-a cause that the library lacks, the other two share the other half, over all joints (`decide.py`).
+arbitrary. A cause is named only if it is more probable than these. The first family has half of the prior probability
+of a cause that the library lacks, the other two share the other half, over all joints (`decide.py`).
 """
 
 from dataclasses import dataclass

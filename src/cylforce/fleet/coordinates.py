@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cylforce.diagnosis.constants import CREEP_CHANGE, VARYING_CHANGE
-from cylforce.diagnosis.model import CREEP
+from cylforce.diagnosis.constants import VARYING_CHANGE
+from cylforce.diagnosis.model import CHANGES
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.stribeck import Stribeck
@@ -107,7 +107,7 @@ def _daily(model: Model, name: str, areas: dict[str, float]) -> float:
         return force if symbol == "coulomb" else force / SPEED
     laws = {"load_dependent": LoadDependentFriction().about, "delay": Delay().about, "stribeck": Stribeck().about}
     if symbol in laws:
-        return (CREEP_CHANGE if laws[symbol].name in CREEP else VARYING_CHANGE) * laws[symbol].low
+        return max(CHANGES[laws[symbol].varies], VARYING_CHANGE) * laws[symbol].low
     if symbol in ("J", "D_excess", "E"):
         return moment * next(link.length for link in model.machine.links if link.name == at)
     return moment

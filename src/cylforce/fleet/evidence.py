@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from cylforce.commissioning.explained import row_noise
 from cylforce.commissioning.wiring import MISFIT, misfit
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors, TorqueRows
 from cylforce.effects.library import Proposal
 from cylforce.estimation.batch import converged, least_squares
@@ -20,6 +19,7 @@ from cylforce.estimation.model import Model
 from cylforce.estimation.priors.prior import Prior
 from cylforce.fleet.coordinates import coordinates, data_sheet, sensor_errors
 from cylforce.readings.constants import ROWS_HZ
+from cylforce.readings.recording import Recording
 from cylforce.signals.estimate import Array
 
 BLOCK_S = 2.0  # s in a block, as in an identification

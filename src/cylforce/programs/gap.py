@@ -11,7 +11,6 @@ from cylforce.diagnosis import Diagnosis, SheetGap, gap_of_sheet
 from cylforce.diagnosis import diagnose as diagnosed
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import with_proposals
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.search import NO_GAP, BlockIncident, Key
 from cylforce.effects.incidents.clock_fault import ClockFault as ClockEffect
@@ -35,6 +34,7 @@ from cylforce.readings.constants import BLOCK_ROWS
 from cylforce.readings.faulty_sensors import faulty_sensors
 from cylforce.readings.jumps import jumping_sensors
 from cylforce.readings.noise import noise_warning, sensor_noise, usual_noise
+from cylforce.readings.recording import Recording
 from cylforce.readings.vibration import vibration_warning, vibrations
 from cylforce.readings.zeros import Zeros, read_zeros
 from cylforce.settings.machine_file import Loaded

@@ -9,7 +9,6 @@ import pytest
 from cylforce import diagnosis
 from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.model import HealthyMachine, fitted_parameters, learnt
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.search import NO_GAP, examined
 from cylforce.effects.friction.coulomb_friction import CoulombFriction
@@ -22,6 +21,7 @@ from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.estimation.model import Model
 from cylforce.programs.experiments.catalogue import catalogue, checkup
 from cylforce.programs.experiments.separation import RivalCause, Separation, planned, sentences
+from cylforce.readings.recording import Recording
 from cylforce.readings.zeros import Zero
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import moves

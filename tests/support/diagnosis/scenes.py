@@ -8,7 +8,6 @@ import numpy as np
 
 from cylforce.diagnosis import Diagnosis, diagnose, question_of
 from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, learnt
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.search import FieldQuestion, Key
 from cylforce.effects.geometry.linkage_geometry import LinkageGeometry
@@ -16,6 +15,7 @@ from cylforce.effects.imposed import Imposed, imposed
 from cylforce.effects.library import LIBRARY, Proposal, proposals
 from cylforce.effects.unknown import UNKNOWN_TORQUES
 from cylforce.estimation.model import FRICTION, Model
+from cylforce.readings.recording import Recording
 from cylforce.settings.machine_file import load
 from cylforce.simulation.scenario import cycles, moves
 from cylforce.simulation.sensing import perfect, run, sensors

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, RunToRun
 from cylforce.signals.estimate import Array
 
 
@@ -34,6 +34,7 @@ class AsymmetricFriction:
             place=Place.CYLINDER,
             shows=f"in motion {'one way only' if self.way else 'either way, the same sign'}; nothing at rest",
             confirm="slow strokes both ways, then hold each pose reached from either side: at rest it must vanish",
+            varies=RunToRun.VARYING,
         )
 
     @property

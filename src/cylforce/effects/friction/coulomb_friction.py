@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, RunToRun
 from cylforce.signals.estimate import Array
 
 
@@ -28,6 +28,7 @@ class CoulombFriction:
             place=Place.CYLINDER,
             shows="in motion, reversing with the direction, whatever the speed",
             confirm="slow strokes both ways at one speed, then at twice that speed: the jump at reversal stays",
+            varies=RunToRun.VARYING,
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

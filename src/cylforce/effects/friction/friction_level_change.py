@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, RunToRun
 from cylforce.signals.estimate import Array
 
 
@@ -23,6 +23,7 @@ class FrictionLevelChange:
             place=Place.CYLINDER,
             shows="in motion, as the known friction of that cylinder",
             confirm="the same slow and fast strokes as at commissioning",
+            varies=RunToRun.VARYING,
         )
 
     @property

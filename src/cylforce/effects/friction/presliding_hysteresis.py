@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place, ShapeRange
+from cylforce.effects.fault import About, Place, RunToRun, ShapeRange
 from cylforce.signals.estimate import Array
 from cylforce.signals.recurrence import clipped, followed
 
@@ -33,6 +33,7 @@ class PreslidingHysteresis:
             confirm="many short strokes of 2 to 20 mm both ways",
             sign=1,
             form=0.2,  # chosen: the true shape of the build-up differs from machine to machine
+            varies=RunToRun.CREEP,
         )
 
     @property

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cylforce.effects.fault import About, Place, ShapeRange
+from cylforce.effects.fault import About, Place, RunToRun, ShapeRange
 from cylforce.signals.estimate import Array
 
 
@@ -28,6 +28,7 @@ class Stribeck:
             confirm="creep both ways at 3 to 30 mm/s",
             sign=1,
             form=0.2,  # chosen: the true width and shape differ from machine to machine
+            varies=RunToRun.CREEP,
         )
 
     @property

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, RunToRun
 from cylforce.signals.estimate import Array
 
 
@@ -25,6 +25,7 @@ class ViscousFriction:
             place=Place.CYLINDER,
             shows="at speed, nothing at creep",
             confirm="the same stroke at three speeds: the difference grows in proportion",
+            varies=RunToRun.VARYING,
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cylforce.effects.fault import About, Place, TimeCourse
+from cylforce.effects.fault import About, Place, RunToRun, TimeCourse
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +21,7 @@ class ClockFault:
             place=Place.MACHINE,
             shows="while the motion changes, in all pressures alike, from one instant on or growing",
             confirm="record SYNC and compare both nodes' time stamps",
+            varies=RunToRun.EACH_START,
         )
 
     @property

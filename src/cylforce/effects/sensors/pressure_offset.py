@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cylforce.effects.fault import About, Place
+from cylforce.effects.fault import About, Place, RunToRun
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
@@ -22,6 +22,7 @@ class PressureOffset:
             place=Place.PRESSURE,
             shows="everywhere alike, at rest too",
             confirm="engine off, lines relieved: all pressures must read zero",
+            varies=RunToRun.VARYING,
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:

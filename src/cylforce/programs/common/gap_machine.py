@@ -19,7 +19,6 @@ from cylforce.diagnosis.model import (
     with_proposals,
     with_variation,
 )
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import LIBRARY, Group, Proposal, proposals
@@ -32,6 +31,7 @@ from cylforce.programs.common.statistics_cache import StatisticsCache, key_of
 from cylforce.programs.common.usual_file import everyday_of, usual_parameters
 from cylforce.readings.jumps import NAME as JUMPS
 from cylforce.readings.noise import usual_noise
+from cylforce.readings.recording import Recording
 from cylforce.settings.identified import read_identified
 from cylforce.settings.machine_file import Loaded
 from cylforce.signals.estimate import Array

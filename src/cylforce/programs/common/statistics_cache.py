@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.effects.library import Proposal
 from cylforce.programs.common.machine_statistics import arrays_of, machine_of
 from cylforce.programs.common.program_code import file_digest, program
+from cylforce.readings.recording import Recording
 from cylforce.signals.estimate import Array
 
 MOST_BYTES = 100_000_000  # of all files together: some fifty machines; the longest unused go first

@@ -16,12 +16,12 @@ import numpy as np
 from cylforce.diagnosis.constants import SAME_EVIDENCE
 from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.model import CENTRE, ColumnLayout, HealthyMachine
-from cylforce.diagnosis.recordings import Recording
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN, Candidate, Key
 from cylforce.diagnosis.statistics import Blocks, Gram, SharedNoise
 from cylforce.effects.library import Proposal
 from cylforce.programs.experiments.catalogue import SECONDS, STAIRS_S, TOGETHER_S, RecommendedMotion, catalogue
 from cylforce.readings.constants import LOAD_CENTRE
+from cylforce.readings.recording import Recording
 from cylforce.signals.estimate import Array
 from cylforce.simulation.sensing import true_values
 from cylforce.simulation.simulator import Truth, draw_truth, simulate
