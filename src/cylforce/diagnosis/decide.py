@@ -185,6 +185,11 @@ class HypothesisEvidence:
             incidents=np.exp(np.array(incidents) - largest).tolist(),
         )
 
+    @property
+    def healthy_explains(self) -> bool:
+        """True without a gap, or where the refitted residual of the likeliest healthy machine is a healthy one."""
+        return not self.has_gap or self.found.healthy.rest**2 - 1.0 <= SAME_MACHINE
+
     def usual(self, hypothesis: Hypothesis) -> float:
         """Return the probability that the residual of a hypothesis is that of a healthy machine."""
         return hypothesis.noise.probability_usual(self.found.case.machine.noise)
