@@ -254,20 +254,17 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
     """Return the answer with the least cost whose causes are not contradicted by their simulation.
 
     A contradicted cause is withdrawn. Bayes' rule holds among the others: the next one is simulated. Beside that, mass
-    and first moment of a link are one answer (`one_answer`). The verdict no gap becomes unknown if the interval of a
-    withdrawn cause excludes zero and the healthy machine leaves a gap. At work, both become not observable.
+    and first moment of a link are one answer (`one_answer`). At work, no gap and unknown become not observable.
     """
     question = found.question
     evidence, same = one_answer(HypothesisEvidence(found))
     plain = Simulation(question, None).run((), rng)
-    refuted, wrong_law = list[str](), False
+    refuted = list[str]()
     while True:
         key = first_effect(evidence)
         cost = costs(evidence, key)
         verdict = min(cost, key=lambda v: cost[v])
         if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
-            if wrong_law and verdict is Verdict.NO_GAP and not evidence.healthy_explains:
-                verdict = Verdict.UNKNOWN  # a wrong law of one effect is no sign of a healthy machine
             if found.work is not None:  # unknown loads and contact may hide either
                 verdict = Verdict.NOT_OBSERVABLE
             return _answer(evidence, verdict, (), plain, refuted, same)
@@ -277,7 +274,6 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
                 verdict = as_simulated(verdict, simulated.closure)
             return _answer(evidence, verdict, named, simulated, refuted, same)
         refuted.append(objection)
-        wrong_law |= named[0].excludes_zero
         evidence = replace(evidence, withdrawn=evidence.withdrawn | {key})
 
 

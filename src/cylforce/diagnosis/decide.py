@@ -185,11 +185,6 @@ class HypothesisEvidence:
             incidents=np.exp(np.array(incidents) - largest).tolist(),
         )
 
-    @property
-    def healthy_explains(self) -> bool:
-        """True without a gap, or where the refitted residual of the likeliest healthy machine is a healthy one."""
-        return not self.has_gap or self.found.healthy.rest**2 - 1.0 <= SAME_MACHINE
-
     def usual(self, hypothesis: Hypothesis) -> float:
         """Return the probability that the residual of a hypothesis is that of a healthy machine."""
         return hypothesis.noise.probability_usual(self.found.case.machine.noise)
@@ -198,11 +193,14 @@ class HypothesisEvidence:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
 
         It is 1 for effects that leave at most one noise floor, whatever the noise: a cause that the library lacks, but
-        that looks like one of its effects, counts as that effect.
+        that looks like one of its effects, counts as that effect. It is 0 for a machine without effects that leaves a
+        gap, except at work: references do not show the model error of that kind of motion.
         """
         usual = self.usual(c.hypothesis)
         gap = self.gap**2 - 1.0
-        if not c.hypothesis.forms or gap <= 0.0:
+        if not c.hypothesis.forms:
+            return usual if c.rest**2 - 1.0 <= SAME_MACHINE or self.found.work is not None else 0.0
+        if gap <= 0.0:
             return usual
         return usual + (1.0 - usual) * float(np.exp(-0.5 * max(c.rest**2 - 1.0, 0.0) / gap / LAW_ERROR**2))
 
