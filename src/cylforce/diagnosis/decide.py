@@ -193,16 +193,15 @@ class HypothesisEvidence:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
 
         It is 1 for effects that leave at most one noise floor, whatever the noise: a cause that the library lacks, but
-        that looks like one of its effects, counts as that effect. It is 0 for a machine without effects that leaves a
-        gap, except at work: references do not show the model error of that kind of motion.
+        that looks like one of its effects, counts as that effect. Of a machine without effects, a usual noise is not
+        enough: it must leave no gap, or little of it, except at work, whose model error references do not show.
         """
         usual = self.usual(c.hypothesis)
-        gap = self.gap**2 - 1.0
-        if not c.hypothesis.forms:
-            return usual if c.rest**2 - 1.0 <= SAME_MACHINE or self.found.work is not None else 0.0
-        if gap <= 0.0:
-            return usual
-        return usual + (1.0 - usual) * float(np.exp(-0.5 * max(c.rest**2 - 1.0, 0.0) / gap / LAW_ERROR**2))
+        gap, left = self.gap**2 - 1.0, max(c.rest**2 - 1.0, 0.0)
+        law = float(np.exp(-0.5 * left / gap / LAW_ERROR**2)) if gap > 0.0 else 0.0
+        if c.hypothesis.forms:
+            return usual + (1.0 - usual) * law
+        return usual if left <= SAME_MACHINE or self.found.work is not None else usual * law
 
     @cached_property
     def posterior(self) -> dict[Key, float]:

@@ -28,7 +28,7 @@ from cylforce.diagnosis.model import (
     regime,
 )
 from cylforce.diagnosis.regressors import courses
-from cylforce.diagnosis.search import BlockIncident, Candidate, FieldQuestion, Found, Key, Spill
+from cylforce.diagnosis.search import BlockIncident, Candidate, FieldQuestion, Found, Key, Spill, without_gap
 from cylforce.diagnosis.statistics import Mask, rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL, SHAPES, Place, TimeCourse
 from cylforce.effects.imposed import imposed
@@ -373,19 +373,14 @@ class Simulation:
 
     def _fitted(self, causes: Sequence[Cause], kept: Mask | None) -> tuple[list[Cause], Array]:
         """Return causes with magnitudes fitted to the kept blocks, and the coefficients (K'+1,) of their residual."""
-        layout = self.question.machine.layout
         if self.candidate is None or any(not c.lasts for c in causes):
             return list(causes), self.question.plain
         other, whole = self._corrected, self.candidate.hypothesis
         forms = tuple(c.form for c in causes if c.form is not None)
-        fits = []
-        for mask in (None, kept):
-            case = other.likelihood(mask)
-            if self.candidate.incident is not None:
-                case = replace(case, nuisance=self._nuisance(mask))
-            _, fitted, residual = case.under(forms, case.state(whole.noise))
-            fits.append((fitted, residual))
-        (first, _), (now, residual) = fits
+        cases = [other.likelihood(mask) for mask in (None, kept)]
+        if self.candidate.incident is not None:
+            cases = [replace(c, nuisance=self._nuisance(m)) for c, m in zip(cases, (None, kept), strict=True)]
+        first, now = (case.fitted(forms, case.state(whole.noise))[1] for case in cases)
         sized, more, k = [], np.zeros(other.size + (len(other.refined.unit) if other.refined else 0)), 0
         for cause in causes:
             form = other.forms[cause.form or 0]
@@ -395,12 +390,7 @@ class Simulation:
             more[list(form.columns)] = now.more[k : k + m]
             sized.append(replace(cause, sizes=sizes))
             k += m
-        coefficients = other.beside(more[: other.size])
-        if self.question.free or self.question.machine.references == 0:
-            # Free or identified parameters are fitted together with the effects.
-            coefficients = coefficients.copy()
-            coefficients[: layout.first] = residual[: layout.first]
-        return sized, coefficients
+        return sized, other.beside(more[: other.size], cases[1].gram)
 
     def _nuisance(self, mask: Mask | None) -> Nuisance | None:
         """Return the nuisance of the incident's blocks, or of those among some blocks (B,)."""
@@ -416,16 +406,21 @@ def closure(
     """Return 1 - (MSE after - floor) / (MSE before - floor), joints weighted by their floor, and its 90 % interval.
 
     The interval is a bootstrap over spans of blocks (B, R). The floor lies between the residual of references that were
-    fitted and of references that were not: its draws are mixtures of both. NaN where the gap is below SMALL_GAP of the
-    floor's energy.
+    fitted and of references that were not: its draws are mixtures of both. Where the gap of all joints together is
+    below SMALL_GAP of the floor's energy, the joints with a gap count alone; NaN if there is none.
     """
     unit = np.nanmean(machine.floor_unseen, axis=0)
-    a, b, seen, unseen = (_in_spans(x / unit) for x in (before, after, machine.floor_seen, machine.floor_unseen))
-    kept = np.all([np.any(np.isfinite(x), axis=1) for x in (a, b)], axis=0)
-    a, b = (np.nanmean(x[kept], axis=1) for x in (a, b))
-    seen, unseen = (np.nanmean(x[np.any(np.isfinite(x), axis=1)], axis=1) for x in (seen, unseen))
-    middle = float(np.mean(seen) + np.mean(unseen)) / 2.0
-    if not len(a) or float(np.mean(a)) - middle < SMALL_GAP * middle:
+    whole = [x / unit for x in (before, after, machine.floor_seen, machine.floor_unseen)]
+    gap = ~without_gap(np.sqrt(np.nanmean(before, axis=0)), machine.floor.rms)
+    for joints in (np.ones_like(gap), gap):
+        a, b, seen, unseen = (_in_spans(x[:, joints]) for x in whole)
+        kept = np.all([np.any(np.isfinite(x), axis=1) for x in (a, b)], axis=0)
+        a, b = (np.nanmean(x[kept], axis=1) for x in (a, b))
+        seen, unseen = (np.nanmean(x[np.any(np.isfinite(x), axis=1)], axis=1) for x in (seen, unseen))
+        middle = float(np.mean(seen) + np.mean(unseen)) / 2.0 if np.any(joints) else np.nan
+        if len(a) and float(np.mean(a)) - middle >= SMALL_GAP * middle:
+            break
+    else:
         return float("nan"), (float("nan"), float("nan"))
     each = []
     for _ in range(DRAWS):

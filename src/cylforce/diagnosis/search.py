@@ -504,20 +504,25 @@ class FieldQuestion:
             found[centres] = -np.linalg.solve(normal, whole[centres] @ found)
         return found
 
-    def beside(self, more: Array) -> Array:
-        """Return the coefficients (K'+1,) of the reported residual, with the centres of the loads fitted given effects.
+    def beside(self, more: Array, gram: Gram | None = None) -> Array:
+        """Return the coefficients (K'+1,) of the reported residual given the sizes of effects.
 
+        The centres of the loads are fitted to it, and parameters that are not learnt from references.
         more: (K',) sizes of the effects' columns
+        gram: of the blocks that count, whose first columns are those of this question; None: of all
         """
         found, layout = self.plain.copy(), self.machine.layout
-        centres = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
-        if centres:
+        own = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
+        if self.free or self.machine.references == 0:
+            own = [*range(layout.first), *own]
+        if own:
             start = found - np.append(more, 0.0)
-            start[centres] = 0.0
-            whole = np.sum(self.gram().whole, axis=0)
-            found[centres] = -np.linalg.solve(
-                whole[np.ix_(centres, centres)] + np.eye(len(centres)), whole[centres] @ start
-            )
+            start[own] = 0.0
+            whole = np.sum((self.gram() if gram is None else gram).whole, axis=0)
+            products = whole[np.ix_(own, [*range(self.size), -1])]
+            precision = np.linalg.inv(self.knowledge.covariance[np.ix_(own, own)])
+            target = products @ start + precision @ self.knowledge.mean[own]
+            found[own] = -np.linalg.solve(products[:, own] + precision, target)
         return found
 
     def residuals(self, values: Array | None = None) -> list[Array]:
