@@ -7,13 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis import question_of
+from cylforce.diagnosis import concluded, question_of
 from cylforce.diagnosis.constants import LEAST_CLOSURE, SAME_MACHINE
 from cylforce.diagnosis.explain import (
     Refit,
     Simulation,
     blocks_of,
     causes_of,
+    closure,
     force_error,
     objection_to_magnitude,
     objection_to_simulation,
@@ -24,6 +25,7 @@ from cylforce.diagnosis.explain import (
     where,
 )
 from cylforce.diagnosis.regressors import Regressors
+from cylforce.diagnosis.search import examined
 from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import BEYOND, INCIDENTAL
 from cylforce.effects.imposed import imposed
@@ -50,6 +52,26 @@ def cause_in(found, key):
 
 
 # Closure
+
+
+def test_a_gap_at_one_joint_has_a_closure_though_the_other_joints_are_below_their_floor():
+    floor = np.ones((40, 3))
+    machine = SimpleNamespace(floor_seen=floor, floor_unseen=floor, floor=SimpleNamespace(rms=np.ones(3)))
+    before, after = (np.tile([0.4, one, 0.4], (40, 1)) for one in (1.9, 1.0))
+    value, (low, high) = closure(before, after, machine, np.random.default_rng(1))
+    assert low <= value <= high == 1.0
+    assert value == pytest.approx(1.0)
+    assert np.isnan(closure(after, after, machine, np.random.default_rng(1))[0])
+
+
+def test_a_right_cause_closes_the_gap_beside_parameters_that_are_fitted_to_the_same_recording():
+    question = asked((FIELD, (effect("stribeck", "stick", 8000.0),)))
+    free = question.with_free_parameters(refitted(question).values)
+    found = concluded(examined(free, lambda p: p.name in ("stribeck", "coulomb_friction")), np.random.default_rng(1))
+    assert names(found) == [("stribeck", "stick")]
+    before, after = (rms(e) / healthy_machine().floor.rms for e in (found.simulated.before, found.simulated.after))
+    assert np.all(after**2 - before**2 < SAME_MACHINE)
+    assert found.simulated.closure > HALF
 
 
 @pytest.mark.parametrize("fault", [FAULT, OFFSET], ids=["torque", "reading"])

@@ -390,7 +390,7 @@ class Simulation:
             more[list(form.columns)] = now.more[k : k + m]
             sized.append(replace(cause, sizes=sizes))
             k += m
-        return sized, other.beside(more[: other.size], cases[1].gram)
+        return sized, other.beside(more, cases[1].gram)
 
     def _nuisance(self, mask: Mask | None) -> Nuisance | None:
         """Return the nuisance of the incident's blocks, or of those among some blocks (B,)."""

@@ -504,22 +504,21 @@ class FieldQuestion:
             found[centres] = -np.linalg.solve(normal, whole[centres] @ found)
         return found
 
-    def beside(self, more: Array, gram: Gram | None = None) -> Array:
+    def beside(self, more: Array, gram: Gram) -> Array:
         """Return the coefficients (K'+1,) of the reported residual given the sizes of effects.
 
         The centres of the loads are fitted to it, and parameters that are not learnt from references.
-        more: (K',) sizes of the effects' columns
-        gram: of the blocks that count, whose first columns are those of this question; None: of all
+        more: (K'+M,) sizes of the effects' columns, those of an effect with a refined shape appended
+        gram: of the blocks that count, with the same columns
         """
         found, layout = self.plain.copy(), self.machine.layout
         own = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
         if self.free or self.machine.references == 0:
             own = [*range(layout.first), *own]
         if own:
-            start = found - np.append(more, 0.0)
+            start = np.concatenate([found[:-1], np.zeros(len(more) - self.size), found[-1:]]) - np.append(more, 0.0)
             start[own] = 0.0
-            whole = np.sum((self.gram() if gram is None else gram).whole, axis=0)
-            products = whole[np.ix_(own, [*range(self.size), -1])]
+            products = np.sum(gram.whole[:, own], axis=0)
             precision = np.linalg.inv(self.knowledge.covariance[np.ix_(own, own)])
             target = products @ start + precision @ self.knowledge.mean[own]
             found[own] = -np.linalg.solve(products[:, own] + precision, target)
