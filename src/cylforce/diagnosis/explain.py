@@ -303,11 +303,20 @@ class Simulation:
     candidate: Candidate | None
 
     def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
-        """Return the gap before and after causes; incidents have the sizes of their own blocks."""
+        """Return the gap before and after causes; incidents have the sizes of their own blocks.
+
+        The closure is that of the gap which parameters leave that are fitted without the causes: where they are not
+        learnt from references, they are fitted beside the causes, too.
+        """
         before = self._residuals((), None)
+        question = self.question
+        refit = question.residuals(question.beside(np.zeros(question.size), question.gram())) if causes else before
         if self.candidate is not None and self.candidate.beside_contact:
             rows = self.candidate.counted()
-            before = [np.where(own[:, None], e, np.nan) for own, e in zip(rows, before, strict=True)]
+            before, refit = (
+                [np.where(own[:, None], e, np.nan) for own, e in zip(rows, each, strict=True)]
+                for each in (before, refit)
+            )
         if not causes:
             after = before
         elif any(not c.lasts for c in causes) or self.candidate is None:
@@ -324,7 +333,7 @@ class Simulation:
         after = [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, after, strict=True)]
         machine = self.question.machine
         value, (low, high) = closure(
-            np.concatenate([mean_squares(e) for e in before]),
+            np.concatenate([mean_squares(e) for e in refit]),
             np.concatenate([mean_squares(e) for e in after]),
             machine,
             rng,
