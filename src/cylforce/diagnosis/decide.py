@@ -193,15 +193,16 @@ class HypothesisEvidence:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
 
         It is 1 for effects that leave at most one noise floor, whatever the noise: a cause that the library lacks, but
-        that looks like one of its effects, counts as that effect. Of a machine without effects, a usual noise is not
-        enough: it must leave no gap, or little of it, except at work, whose model error references do not show.
+        that looks like one of its effects, counts as that effect. A machine without effects must also leave no gap, or
+        only the error of a law. This does not hold at work, whose model error references do not show.
         """
         usual = self.usual(c.hypothesis)
         gap, left = self.gap**2 - 1.0, max(c.rest**2 - 1.0, 0.0)
-        law = float(np.exp(-0.5 * left / gap / LAW_ERROR**2)) if gap > 0.0 else 0.0
+        left = left if c.hypothesis.forms else max(left - SAME_MACHINE, 0.0)
+        law = float(np.exp(-0.5 * left / gap / LAW_ERROR**2)) if gap > 0.0 else float(left == 0.0)
         if c.hypothesis.forms:
-            return usual + (1.0 - usual) * law
-        return usual if left <= SAME_MACHINE or self.found.work is not None else usual * law
+            return usual + (1.0 - usual) * law if gap > 0.0 else usual
+        return usual if self.found.work is not None else usual * law
 
     @cached_property
     def posterior(self) -> dict[Key, float]:
@@ -357,7 +358,7 @@ def one_answer(evidence: HypothesisEvidence) -> tuple[HypothesisEvidence, dict[K
     same: dict[Key, Key] = {}
     for at in sorted({at for _, at in evidence.alone}):
         both = [(name, at) for name in SAME_CHANGE]
-        if not all(key in evidence.alone for key in both):
+        if not all(key in evidence.alone for key in both) or not set(both) & set(evidence.credible):
             continue
         logs = [evidence.alone[key] for key in both]
         if abs(logs[0] - logs[1]) >= SAME_EVIDENCE:

@@ -5,7 +5,7 @@ gap that a refit of the parameters removes. Nothing here overwrites a decision: 
 is evidence for `decide`, which withdraws the cause. Bayes' rule then holds among the others.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ from scipy import stats
 
 from cylforce.diagnosis.constants import DETECTABLE, LEAST_CLOSURE, SAME_MACHINE
 from cylforce.diagnosis.decide import HypothesisEvidence
-from cylforce.diagnosis.likelihood import Nuisance
+from cylforce.diagnosis.likelihood import Likelihood, Nuisance
 from cylforce.diagnosis.model import (
     CENTRE,
     FOLDS,
@@ -268,7 +268,8 @@ class Simulated:
 
     before:  residuals (T, R) [N m] of every recording without the causes
     after:   residuals (T, R) [N m] with them; the magnitudes of each span are fitted without that span
-    closure: share of the gap's energy that is removed; NaN where the gap is too small for a share
+    closure: share of the gap's energy that is removed; of the gap that the parameters leave, if the question fits them;
+             NaN where that gap is too small for a share
     low:     lower bound of its 90 % interval
     high:    upper bound of its 90 % interval
     """
@@ -305,32 +306,18 @@ class Simulation:
     def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
         """Return the gap before and after causes; incidents have the sizes of their own blocks.
 
-        The closure is that of the gap which parameters leave that are fitted without the causes: where they are not
-        learnt from references, they are fitted beside the causes, too.
+        The closure compares two fits, parameters alone and parameters beside the causes, where the question fits them.
         """
-        before = self._residuals((), None)
-        question = self.question
-        refit = question.residuals(question.beside(np.zeros(question.size), question.gram())) if causes else before
-        if self.candidate is not None and self.candidate.beside_contact:
-            rows = self.candidate.counted()
-            before, refit = (
-                [np.where(own[:, None], e, np.nan) for own, e in zip(rows, each, strict=True)]
-                for each in (before, refit)
-            )
-        if not causes:
-            after = before
-        elif any(not c.lasts for c in causes) or self.candidate is None:
+        before = self._counted(self._residuals((), None))
+        refit = after = before
+        if any(not c.lasts for c in causes) or (causes and self.candidate is None):
             after = self._residuals(causes, None)
-        else:
-            fold = (np.arange(len(self.question.times)) // SPAN) % FOLDS
-            after = self._residuals(causes, fold != 0)
-            for k in range(1, FOLDS):
-                other = self._residuals(causes, fold != k)
-                after = [
-                    self._chosen(a, b, fold == k, span)
-                    for a, b, span in zip(after, other, self.question.spans, strict=True)
-                ]
-        after = [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, after, strict=True)]
+        elif causes:
+            after = self._held_out(lambda kept: self._residuals(causes, kept))
+            refit = self._held_out(self._refitted) if self.question.fits_parameters else before
+        after, refit = (
+            [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, each, strict=True)] for each in (after, refit)
+        )
         machine = self.question.machine
         value, (low, high) = closure(
             np.concatenate([mean_squares(e) for e in refit]),
@@ -339,6 +326,25 @@ class Simulation:
             rng,
         )
         return Simulated(before, after, value, low, high)
+
+    def _counted(self, residuals: list[Array]) -> list[Array]:
+        """Return residuals (T, R) with NaN in rows with incident or contact beside the causes."""
+        if self.candidate is None or not self.candidate.beside_contact:
+            return residuals
+        rows = self.candidate.counted()
+        return [np.where(own[:, None], e, np.nan) for own, e in zip(rows, residuals, strict=True)]
+
+    def _held_out(self, fitted: Callable[[Mask], list[Array]]) -> list[Array]:
+        """Return residuals (T, R) in which each fold of spans is that of a fit to the other folds."""
+        fold = (np.arange(len(self.question.times)) // SPAN) % FOLDS
+        found = fitted(fold != 0)
+        for k in range(1, FOLDS):
+            other = fitted(fold != k)
+            found = [
+                self._chosen(a, b, fold == k, span)
+                for a, b, span in zip(found, other, self.question.spans, strict=True)
+            ]
+        return found
 
     @staticmethod
     def _chosen(one: Array, other: Array, second: Mask, span: tuple[int, int]) -> Array:
@@ -386,9 +392,7 @@ class Simulation:
             return list(causes), self.question.plain
         other, whole = self._corrected, self.candidate.hypothesis
         forms = tuple(c.form for c in causes if c.form is not None)
-        cases = [other.likelihood(mask) for mask in (None, kept)]
-        if self.candidate.incident is not None:
-            cases = [replace(c, nuisance=self._nuisance(m)) for c, m in zip(cases, (None, kept), strict=True)]
+        cases = [self._case(other, mask) for mask in (None, kept)]
         first, now = (case.fitted(forms, case.state(whole.noise))[1] for case in cases)
         sized, more, k = [], np.zeros(other.size + (len(other.refined.unit) if other.refined else 0)), 0
         for cause in causes:
@@ -399,7 +403,22 @@ class Simulation:
             more[list(form.columns)] = now.more[k : k + m]
             sized.append(replace(cause, sizes=sizes))
             k += m
-        return sized, other.beside(more, cases[1].gram)
+        return sized, other.beside(more, cases[1], whole.noise.conditions)
+
+    def _case(self, question: FieldQuestion, kept: Mask | None) -> Likelihood:
+        """Return the likelihood of a question's kept blocks (B,), with the incident beside the causes."""
+        case = question.likelihood(kept)
+        nuisance = self._nuisance(kept)
+        return case if nuisance is None else replace(case, nuisance=nuisance)
+
+    def _refitted(self, kept: Mask) -> list[Array]:
+        """Return residuals (T, R) without causes, the parameters fitted to the kept blocks (B,)."""
+        if self.candidate is None:
+            return self.question.residuals()
+        plain, conditions = self.question, self.candidate.hypothesis.noise.conditions
+        if self.candidate.question.laid is not None:
+            plain = self.candidate.question.uncorrected().with_refined(None)
+        return self.question.residuals(plain.beside(np.zeros(plain.size), self._case(plain, kept), conditions))
 
     def _nuisance(self, mask: Mask | None) -> Nuisance | None:
         """Return the nuisance of the incident's blocks, or of those among some blocks (B,)."""
@@ -420,7 +439,9 @@ def closure(
     """
     unit = np.nanmean(machine.floor_unseen, axis=0)
     whole = [x / unit for x in (before, after, machine.floor_seen, machine.floor_unseen)]
-    gap = ~without_gap(np.sqrt(np.nanmean(before, axis=0)), machine.floor.rms)
+    counted = np.isfinite(before)
+    level = np.sqrt(np.sum(before, axis=0, where=counted) / np.maximum(np.sum(counted, axis=0), 1))
+    gap = ~without_gap(level, machine.floor.rms) & np.isfinite(unit)
     for joints in (np.ones_like(gap), gap):
         a, b, seen, unseen = (_in_spans(x[:, joints]) for x in whole)
         kept = np.all([np.any(np.isfinite(x), axis=1) for x in (a, b)], axis=0)

@@ -279,10 +279,10 @@ class Form:
         return density - improbability(apart, covariance[:axes, :axes])
 
     def density(self, sizes: Array, covariance: Array) -> tuple[float, Array]:
-        """Return the log prior density of sizes (M,), and how far (A,) they are from the nearest plausible ones.
+        """Return the log prior density of sizes (M,), and the change (A,) to the nearest plausible ones.
 
-        The density is averaged over the sizes' uncertainty if they are plausible, so that they are 0 apart. If hardly
-        any draw is plausible, it is that of the nearest plausible sizes.
+        The density is averaged over the sizes' uncertainty, and the change is 0, if they are plausible. If hardly any
+        draw is plausible, the density is that of the nearest plausible sizes.
         """
         axes = self.components
         root = np.linalg.cholesky(covariance[:axes, :axes] + 1e-300 * np.eye(axes))
@@ -969,6 +969,23 @@ class Likelihood:
         log += noise.log_norm(self.gram) - cost
         return MarginalLikelihood(known, covariance, fitted, score - known @ fitted, unsure, log)
 
+    def least_squares(self, own: Sequence[int], others: Array, conditions: Conditions) -> Array:
+        """Return the values (A,) of some columns by least squares with their prior, all other coefficients given.
+
+        The reported residual is that of least squares, joints weighted by their floor, without a model discrepancy.
+        others: (K+1,) coefficients of the residual without these columns
+        """
+        chosen, joints = list(own), len(self.gram.rows)
+        noise = ResidualNoise(np.zeros(joints), np.ones(joints))
+        information = noise.information(self.gram)
+        if self.nuisance is not None:
+            information = information - self.nuisance.marginal(noise)[0]
+        products = information[chosen]
+        covariance = self.machine.under(conditions)[np.ix_(chosen, chosen)]
+        precision = np.linalg.inv(symmetric_positive(covariance) + 1e-12 * np.eye(len(chosen)))
+        target = products @ others + precision @ self.machine.mean[chosen]
+        return np.asarray(np.linalg.solve(products[:, chosen] + precision, target))
+
     def columns(self, forms: Sequence[int]) -> list[int]:
         """Return the columns of some forms."""
         return [c for p in forms for c in self.forms[p].columns]
@@ -1100,12 +1117,12 @@ class Likelihood:
 
     def nearby(self, base: Hypothesis, form: int) -> Hypothesis:
         """Return a hypothesis with one form more and the noise of `base`: an approximation for a weak effect."""
-        state, forms = self.state(base.noise), (*base.forms, form)
+        state, forms = self.state(base.noise), tuple(sorted((*base.forms, form)))
         (log, fitted, residual), (before, _, _) = self.under(forms, state), self.under(base.forms, state)
         errors, rest = np.sqrt(np.diag(fitted.covariance)), float(np.max(self.rests(residual, base.noise)))
-        return Hypothesis(
-            forms, base.log + log - before - fitted.doubt, base.noise, fitted.sizes, errors, rest, fitted.doubt
-        )
+        doubt = self.doubt(forms, base)
+        log = base.log + log - before - (doubt - base.doubt)
+        return Hypothesis(forms, log, base.noise, fitted.sizes, errors, rest, doubt)
 
     def likeliest(
         self,

@@ -389,8 +389,8 @@ class FieldQuestion:
                 zeros[list(columns)] = THERMAL_ZERO / unit[list(columns)]
         return TemperatureChange(np.diag(np.square(zeros)), friction)
 
-    def with_refined(self, refined: Refined) -> "FieldQuestion":
-        """Return the question with an effect whose shape is refined, its columns appended."""
+    def with_refined(self, refined: Refined | None) -> "FieldQuestion":
+        """Return the question with an effect whose shape is refined, its columns appended; None: without one."""
         return self._keeping(replace(self, refined_as_read=refined), *OF_ROWS, "knowledge")
 
     def with_same_oil(self) -> "FieldQuestion":
@@ -504,24 +504,27 @@ class FieldQuestion:
             found[centres] = -np.linalg.solve(normal, whole[centres] @ found)
         return found
 
-    def beside(self, more: Array, gram: Gram) -> Array:
+    @property
+    def fits_parameters(self) -> bool:
+        """Whether parameters are fitted to these recordings: where they are free, or identified without references."""
+        return self.free or self.machine.references == 0
+
+    def beside(self, more: Array, case: Likelihood, conditions: Conditions) -> Array:
         """Return the coefficients (K'+1,) of the reported residual given the sizes of effects.
 
-        The centres of the loads are fitted to it, and parameters that are not learnt from references.
-        more: (K'+M,) sizes of the effects' columns, those of an effect with a refined shape appended
-        gram: of the blocks that count, with the same columns
+        The centres of the loads are fitted to it, and the parameters if `fits_parameters`.
+        more:       (K'+M,) sizes of the effects' columns, those of an effect with a refined shape appended
+        case:       likelihood of the blocks that count, with the same columns
+        conditions: of the recordings
         """
         found, layout = self.plain.copy(), self.machine.layout
         own = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
-        if self.free or self.machine.references == 0:
+        if self.fits_parameters:
             own = [*range(layout.first), *own]
         if own:
             start = np.concatenate([found[:-1], np.zeros(len(more) - self.size), found[-1:]]) - np.append(more, 0.0)
             start[own] = 0.0
-            products = np.sum(gram.whole[:, own], axis=0)
-            precision = np.linalg.inv(self.knowledge.covariance[np.ix_(own, own)])
-            target = products @ start + precision @ self.knowledge.mean[own]
-            found[own] = -np.linalg.solve(products[:, own] + precision, target)
+            found[own] = -case.least_squares(own, start, conditions)
         return found
 
     def residuals(self, values: Array | None = None) -> list[Array]:
@@ -874,11 +877,6 @@ class Spill:
     rest: float
     before: float
 
-    @property
-    def share(self) -> float:
-        """Number of spills over the number of blocks."""
-        return len(self.sizes) / int(self.course.shape[1])
-
 
 @dataclass(frozen=True)
 class Work:
@@ -1140,7 +1138,8 @@ def examined(
     watch("hypotheses")
     case = question.likelihood()
     gaps = case.rests(question.plain)
-    if np.count_nonzero(~without_gap(gaps)) < 2:  # oil changes the friction of every cylinder; sensors have own zeros
+    # Oil changes the friction of every cylinder; the zero of each sensor changes by itself.
+    if np.count_nonzero(~without_gap(gaps)) < min(2, len(gaps)):
         question = question.with_same_oil()
         case = question.likelihood()
     step = changed_load(question, case)

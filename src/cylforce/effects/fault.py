@@ -33,7 +33,7 @@ class Place(StrEnum):
 class RunToRun(StrEnum):
     """How an effect varies on a healthy machine from one recording to the next.
 
-    STATIC:     not at all: geometry, masses and gains
+    STATIC:     hardly, as geometry, masses and gains; the default
     VARYING:    by its nature: friction and the zeros of pressure sensors, which follow the temperature
     CREEP:      as friction at creep, whose law is the least certain
     EACH_START: with each start of the machine, as the phases of clocks: references of one start do not show it
