@@ -126,13 +126,26 @@ def test_a_law_leaves_a_share_of_a_large_gap_but_not_half_of_it(rest, first):
     assert found.posterior[first] > 0.9
 
 
+def test_a_machine_without_effects_that_leaves_a_gap_is_no_healthy_one_except_at_work():
+    """Its noise is usual; what it leaves of the gap beyond 1.3 floors is compared with the error of a law."""
+
+    def no_gap(rest, work=None):
+        found = evidence(healthy=candidate(0.0, rest=rest))
+        return replace(found, found=replace(found.found, work=work)).posterior[NO_GAP]
+
+    limit = float(np.sqrt(1.0 + SAME_MACHINE))
+    assert no_gap(limit) == no_gap(1.0) > 0.9
+    assert no_gap(limit) > no_gap(limit + 0.05) > 0.9 * no_gap(limit)
+    assert no_gap(GAP) < 1e-3
+    assert no_gap(GAP, work=SimpleNamespace()) == pytest.approx(no_gap(1.0))
+
+
 # Incidents
 
 
 @pytest.mark.parametrize("key", [SLEW, CONTACT, UNKNOWN])
-@pytest.mark.parametrize("share", [0.2, 0.9])
-def test_an_incident_is_named_however_long_it_lasts(key, share):
-    found = evidence(incidents=[incident(key, 200.0, share)])
+def test_an_incident_with_evidence_is_named(key):
+    found = evidence(incidents=[incident(key, 200.0)])
     assert (found.first, found.posterior[found.first]) == (key, pytest.approx(1.0))
 
 
@@ -199,9 +212,7 @@ def test_without_a_cause_the_others_have_all_probability():
 
 
 def test_where_every_cause_is_withdrawn_something_unknown_remains():
-    """The healthy machine that remains has a residual unlike that of healthy machines."""
-    unlike = candidate(0.0, noise=LOUD)
-    found = evidence(candidate(100.0, 0), healthy=unlike, withdrawn=frozenset({MASS}))
+    found = evidence(candidate(100.0, 0), withdrawn=frozenset({MASS}))
     assert first_effect(found) is None
     assert found.first == UNKNOWN
 

@@ -223,6 +223,39 @@ def test_a_magnitude_beyond_the_largest_or_of_the_wrong_sign_is_hardly_probable(
     assert large < right - 100.0
 
 
+def test_implausible_magnitudes_that_depend_on_each_other_are_no_more_probable_than_the_nearest_plausible_ones():
+    """Two effects with nearly the same column: only their sum is certain, and it is too large for both together."""
+    found = rows(SEED, (100.0, 0.0))
+    found[..., 3] = found[..., 2] + 0.01 * np.random.default_rng(SEED).standard_normal(found.shape[:-1])
+    found[..., -1] += 50.0 * (found[..., 3] - found[..., 2])
+    case = likelihood(found)
+    log, fitted, _ = case.under((0, 1), case.state(USUAL))
+    assert np.all(np.abs(fitted.sizes * UNIT[2:]) > BEYOND * HIGH)
+    nearest = found.copy()
+    nearest[..., -1] -= BEYOND * HIGH * (found[..., 2] + found[..., 3])
+    assert log < likelihood(nearest).state(USUAL).log + 10.0
+
+
+def test_a_weak_effect_is_approximated_with_the_noise_of_the_hypothesis_without_it():
+    case = likelihood(rows(SEED, (0.3, 0.0)))
+    base = case.hypothesis((), USUAL)
+    near, exact = case.nearby(base, 0), case.with_one_more(base, 0)
+    assert near.forms == exact.forms
+    assert near.log == pytest.approx(exact.log, abs=1.0)
+    np.testing.assert_allclose(near.sizes, exact.sizes, atol=0.1)
+
+
+def test_without_other_oil_only_the_zeros_of_sensors_change_with_the_temperature():
+    zeros, friction = np.diag([0.0, 1.0]), np.diag([2.0, 0.0])
+    sensors = MachineKnowledge(np.zeros(2), np.eye(2), np.zeros(2), NOISE, TemperatureChange(zeros, None))
+    both = replace(sensors, temperature=TemperatureChange(zeros, friction))
+    (only,) = sensors.temperatures
+    assert not only.other_oil
+    np.testing.assert_allclose(sensors.under(only), np.diag([1.0, 2.0]))
+    assert len(both.temperatures) > 1
+    np.testing.assert_allclose(both.under(Conditions(temperature=1.0)), np.diag([3.0, 2.0]))
+
+
 def test_a_magnitude_is_bounded_by_the_largest_plausible_one_in_proportion():
     form, largest = Form("one", "a", (0, 1, 2), LOW, HIGH, 0, 2), BEYOND * HIGH
     np.testing.assert_allclose(form.bounded(np.array([1.0, 2.0, 9.0])), [1.0, 2.0, 9.0])

@@ -12,9 +12,9 @@ from cylforce.diagnosis import diagnose, question_of
 from cylforce.diagnosis.constants import VARYING_CHANGE
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import (
-    CHANGES,
     LEARNT,
     REGIMES,
+    RUN_TO_RUN_CHANGE,
     KnowledgeSource,
     fitted_parameters,
     forms_of,
@@ -25,7 +25,7 @@ from cylforce.diagnosis.model import (
 )
 from cylforce.diagnosis.regressors import Regressors, typical_incidents
 from cylforce.diagnosis.statistics import rms
-from cylforce.effects.fault import INCIDENTAL
+from cylforce.effects.fault import INCIDENTAL, RunToRun
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import FRICTION, Model
 from cylforce.readings.constants import BLOCK_ROWS
@@ -71,6 +71,13 @@ def test_every_effect_has_columns_of_its_own_but_for_the_clock():
     assert layout.columns(shown, seen).shape[-1] == layout.size + len(layout.typical) + 1
 
 
+VARIES = {
+    **dict.fromkeys(("coulomb_friction", "viscous_friction", "asymmetric_friction"), RunToRun.VARYING),
+    **dict.fromkeys(("friction_level_change", "pressure_offset"), RunToRun.VARYING),
+    **dict.fromkeys(("stribeck", "presliding_hysteresis"), RunToRun.CREEP),
+}
+
+
 def test_errors_of_sensors_and_masses_do_not_change_from_run_to_run_but_friction_and_zeros_do():
     layout = healthy_machine().layout
     for p, columns in zip(layout.proposals, layout.places, strict=True):
@@ -78,6 +85,7 @@ def test_errors_of_sensors_and_masses_do_not_change_from_run_to_run_but_friction
             continue
         static = layout.static[list(columns)]
         assert np.all(static == static[0])
+        assert p.about.varies is VARIES.get(p.name, RunToRun.STATIC), p.name
         if p.about.varies in LEARNT or p.rubs:
             assert not np.any(static), p.name
         if p.name in ("angle_offset", "pressure_gain", "extra_mass", "linkage_geometry"):
@@ -144,7 +152,7 @@ def stated(machine, name):
     layout = machine.layout
     about = next(p.about for p in layout.proposals if p.name == name)
     columns = [c for f in forms_of(layout) if f.name == name for c in f.columns]
-    return columns, CHANGES[about.varies] * about.low / layout.unit[columns[0]]
+    return columns, RUN_TO_RUN_CHANGE[about.varies] * about.low / layout.unit[columns[0]]
 
 
 def test_references_that_differ_teach_a_larger_run_to_run_variation_and_like_ones_a_smaller_one():

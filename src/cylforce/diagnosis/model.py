@@ -55,7 +55,7 @@ FEWEST_REFERENCES = 2  # recordings, from which on the run-to-run variation is l
 VARIATION_TIMES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # factors on the stated variation; a factor of two is one sigma
 PRIOR_SHARES = (1.0, 0.5, 0.25, 0.125, 0.06)  # factors on the healthy spread of effects that are tried
 UNSEEN_WIDTH = 3.0  # factor on the spread of a noise that no reference shows
-CHANGES = {  # run-to-run variation, in least plausible magnitudes
+RUN_TO_RUN_CHANGE = {  # run-to-run variation, in least plausible magnitudes
     RunToRun.STATIC: STATIC_CHANGE,
     RunToRun.VARYING: VARYING_CHANGE,
     RunToRun.CREEP: CREEP_CHANGE,
@@ -618,7 +618,7 @@ def _stated_variation(layout: ColumnLayout, rate_hz: float) -> Array:
     for p, columns in zip(layout.proposals, layout.places, strict=True):
         if p.course is TimeCourse.WINDOWS or not columns:
             continue
-        own, change = list(columns), CHANGES[p.about.varies]
+        own, change = list(columns), RUN_TO_RUN_CHANGE[p.about.varies]
         if p.about.varies is RunToRun.EACH_START:
             change = max(change, PHASE / rate_hz / p.about.low)
         found[own] = np.maximum(found[own], change * p.about.low / layout.unit[own[0]])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cylforce.diagnosis.constants import VARYING_CHANGE
-from cylforce.diagnosis.model import CHANGES
+from cylforce.diagnosis.model import RUN_TO_RUN_CHANGE
 from cylforce.effects.friction.friction_level_change import FrictionLevelChange
 from cylforce.effects.friction.load_dependent_friction import LoadDependentFriction
 from cylforce.effects.friction.stribeck import Stribeck
@@ -107,7 +107,8 @@ def _daily(model: Model, name: str, areas: dict[str, float]) -> float:
         return force if symbol == "coulomb" else force / SPEED
     laws = {"load_dependent": LoadDependentFriction().about, "delay": Delay().about, "stribeck": Stribeck().about}
     if symbol in laws:
-        return max(CHANGES[laws[symbol].varies], VARYING_CHANGE) * laws[symbol].low
+        # a friction or delay that does not vary within a day still drifts from day to day
+        return max(RUN_TO_RUN_CHANGE[laws[symbol].varies], VARYING_CHANGE) * laws[symbol].low
     if symbol in ("J", "D_excess", "E"):
         return moment * next(link.length for link in model.machine.links if link.name == at)
     return moment
