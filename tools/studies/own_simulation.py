@@ -22,19 +22,19 @@ from cylforce.settings.machine_file import Loaded, load
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 MACHINE = CONFIG / "excavator_20t.toml"
 MOVES_S = 150.0
-HIDDEN = (  # name, place, size in SI units: about the middle of what is plausible
-    ("", "", 0.0),
-    ("angle_offset", "stick_angle", 0.015),
-    ("angle_scale", "boom_angle", 0.03),
-    ("backlash", "bucket", 0.015),
-    ("encoder_eccentricity", "boom_angle", 0.02),
-    ("hose_spring", "stick", 1500.0),
-    ("linkage_geometry", "bucket", 0.012),
-    ("pressure_gain", "boom_head_pressure", 0.03),
-    ("pressure_sensor_hysteresis", "stick_head_pressure", 250e3),
-    ("return_line_loss", "bucket", 12e3),
-    ("sensor_delay", "stick_angle", 0.05),
-    ("stribeck", "stick", 3000.0),
+HIDDEN: tuple[tuple[str, str, tuple[float, ...]], ...] = (  # name, place, sizes [SI]: about the middle of the plausible
+    ("", "", ()),
+    ("angle_offset", "stick_angle", (0.015,)),
+    ("angle_scale", "boom_angle", (0.03,)),
+    ("backlash", "bucket", (0.015,)),
+    ("encoder_eccentricity", "boom_angle", (0.02, 0.0)),
+    ("hose_spring", "stick", (1500.0,)),
+    ("linkage_geometry", "bucket", (0.012, 0.0)),
+    ("pressure_gain", "boom_head_pressure", (0.03,)),
+    ("pressure_sensor_hysteresis", "stick_head_pressure", (250e3,)),
+    ("return_line_loss", "bucket", (12e3, 12e3)),
+    ("sensor_delay", "stick_angle", (0.05,)),
+    ("stribeck", "stick", (3000.0,)),
 )
 
 
@@ -61,13 +61,15 @@ class Answer:
         return bool(self.effects) and self.sure >= 0.8 and self.effects[0] != self.hidden
 
 
-def asked(loaded: Loaded, hidden: tuple[str, str, float], seed: int, mass_error: float, folder: Path) -> Answer:
+def asked(
+    loaded: Loaded, hidden: tuple[str, str, tuple[float, ...]], seed: int, mass_error: float, folder: Path
+) -> Answer:
     """Simulate both and ask."""
-    name, at, value = hidden
+    name, at, sizes = hidden
     effects = None
     if name:
         effects = folder / "effects.toml"
-        effects.write_text(f'[[effects]]\nname = "{name}"\nat = "{at}"\nvalue = {value}\n')
+        effects.write_text(f'[[effects]]\nname = "{name}"\nat = "{at}"\nvalue = {list(sizes)}\n')
     field, own = folder / "field.csv", folder / "simulation.csv"
     run_sim(MACHINE, scenario="moves", duration=MOVES_S, seed=seed, mass_error=mass_error, effects=effects, table=field)
     run_sim(MACHINE, scenario="moves", duration=MOVES_S, seed=seed + 1, mass_error=0.0, table=own)
