@@ -264,6 +264,15 @@ def test_where_the_machine_was_not_identified_that_comes_first():
     assert "How sure" not in said
 
 
+@pytest.mark.parametrize("share", [0.0, -0.7])
+def test_a_refit_that_does_not_reduce_the_difference_is_no_share_of_it(share):
+    first = FIRST | {"share": share}
+    said = text(answered("not_observable") | {"identify_first": first, "effects": []})
+    assert "does not reduce the difference" in said
+    assert "record motion in the air" in said
+    assert "removes" not in said
+
+
 def test_what_remains_once_the_parameters_are_identified_is_said_beside_them():
     known = FIRST | {"because": "the simulation's masses and friction are not this machine's"}
     said = text(answered("explained", effect()) | {"identify_first": known, "compared_with": "simulation"})

@@ -70,7 +70,7 @@ def _projected(model: Model, data: Factors, values: Array) -> Array:
 
 
 def between_strokes(model: Model, whole: Factors, values: Array, row_error: Array) -> BetweenStrokes:
-    """Return the spread between strokes: of friction as a share of the identified one, of pressure zeros [Pa].
+    """Return the standard deviations between strokes, of friction (share of the identified one) and of zeros [Pa].
 
     In each of G strokes, D frictions and zeros differ from their mean by the drift d. A drift is normally distributed
     with the standard error k s, s the expected one. The factor k of all frictions and that of all zeros are estimated

@@ -197,12 +197,17 @@ class HypothesisEvidence:
         only the error of a law. This does not hold at work, whose model error references do not show.
         """
         usual = self.usual(c.hypothesis)
-        gap, left = self.gap**2 - 1.0, max(c.rest**2 - 1.0, 0.0)
-        left = left if c.hypothesis.forms else max(left - SAME_MACHINE, 0.0)
-        law = float(np.exp(-0.5 * left / gap / LAW_ERROR**2)) if gap > 0.0 else float(left == 0.0)
+        left = max(c.rest**2 - 1.0, 0.0)
         if c.hypothesis.forms:
-            return usual + (1.0 - usual) * law if gap > 0.0 else usual
-        return usual if self.found.work is not None else usual * law
+            return usual + (1.0 - usual) * self._error_of_law(left)
+        if self.found.work is not None or left <= SAME_MACHINE:
+            return usual
+        return usual * self._error_of_law(left - SAME_MACHINE)
+
+    def _error_of_law(self, left: float) -> float:
+        """Return the probability that residual energy, in noise floors, is the error of a law that made the gap."""
+        gap = self.gap**2 - 1.0
+        return float(np.exp(-0.5 * left / gap / LAW_ERROR**2)) if gap > 0.0 else 0.0
 
     @cached_property
     def posterior(self) -> dict[Key, float]:
@@ -353,7 +358,7 @@ def one_answer(evidence: HypothesisEvidence) -> tuple[HypothesisEvidence, dict[K
     """Return the evidence with a mass and a first moment of one link as one answer, and the other name of each cause.
 
     If their evidence differs by less than SAME_EVIDENCE, the more probable one stays. Both stay if the likeliest
-    hypothesis has both.
+    hypothesis has both, or if neither is in the credible set.
     """
     same: dict[Key, Key] = {}
     for at in sorted({at for _, at in evidence.alone}):

@@ -793,7 +793,12 @@ class Refit:
 
     @property
     def clear(self) -> tuple[ParameterChange, ...]:
-        """The changes that add more torque than the fit leaves at any joint; the largest one if there are none."""
+        """The changes that add more torque than the fit leaves at any joint; the largest one if there are none.
+
+        Empty if the fit does not reduce the difference: contact or unknown loads do not tell the parameters.
+        """
+        if self.share <= 0.0:
+            return ()
         found = tuple(change for change in self.changes if change.torque > float(np.max(self.after)))
         return found or self.changes[:1]
 

@@ -1021,7 +1021,7 @@ class Likelihood:
         """
         own, fitted = self.fitted(forms, state)
         log = state.log + fitted.gain + self._log_prior(forms, fitted)
-        log += sum(self.support(p, sizes) for p, sizes, _ in self._magnitudes(forms, fitted))
+        log += sum(self.support(p, sizes) for p, _, sizes, _ in self._magnitudes(forms, fitted))
         return log, fitted, self.residual(own, fitted, state)
 
     def screening(self, forms: Sequence[int], state: MarginalLikelihood) -> float:
@@ -1035,25 +1035,23 @@ class Likelihood:
         Magnitudes that are not plausible are changed to plausible ones together: they may depend on each other.
         """
         log, moved, apart = 0.0, list[int](), list[float]()
-        first = 0
-        for p, sizes, covariance in self._magnitudes(forms, fitted):
+        for p, place, sizes, covariance in self._magnitudes(forms, fitted):
             form = self.forms[p]
             unit = self.unit[list(form.columns[: form.components])]
             density, change = form.density(sizes, covariance)
             log += density + float(np.sum(np.log(unit))) - 0.5 * float(np.log(2.0 * np.pi)) * (len(sizes) - len(unit))
             if np.any(change):
-                moved += range(first, first + len(unit))
+                moved += range(place.start, place.start + len(unit))
                 apart += (change / unit).tolist()
-            first += len(sizes)
         return log - improbability(np.array(apart), fitted.covariance[np.ix_(moved, moved)])
 
-    def _magnitudes(self, forms: Sequence[int], fitted: Fitted) -> Iterator[tuple[int, Array, Array]]:
-        """Yield each form with its sizes (M,) [SI] and their covariance (M, M)."""
+    def _magnitudes(self, forms: Sequence[int], fitted: Fitted) -> Iterator[tuple[int, slice, Array, Array]]:
+        """Yield each form, the place of its sizes among all, the sizes (M,) [SI] and their covariance (M, M)."""
         first = 0
         for p in forms:
             unit = self.unit[list(self.forms[p].columns)]
             own = slice(first, first + len(unit))
-            yield p, fitted.sizes[own] * unit, fitted.covariance[own, own] * np.outer(unit, unit)
+            yield p, own, fitted.sizes[own] * unit, fitted.covariance[own, own] * np.outer(unit, unit)
             first += len(unit)
 
     def residual(self, own: Sequence[int], fitted: Fitted, state: MarginalLikelihood) -> Array:

@@ -683,9 +683,9 @@ def _grown(
 
 
 def _without_effects(case: Likelihood) -> tuple[list[Hypothesis], list[Hypothesis]]:
-    """Return the hypotheses of a healthy machine under the usual conditions, and the likeliest at another temperature.
+    """Return two lists of hypotheses of a healthy machine: under the usual conditions, and at another temperature.
 
-    The second list is empty if no other temperature is tried.
+    The second list has only the likeliest temperature; it is empty if no other temperature is tried.
     """
     each = [case.hypothesis((), replace(case.machine.noise, conditions=c)) for c in case.machine.conditions]
     usual = [h for h in each if h.noise.conditions.temperature is None]
@@ -1250,7 +1250,10 @@ def _work(question: FieldQuestion, candidates: Sequence[Candidate], alone: Seque
 
 
 def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Proposal], bool], gate: bool) -> Found:
-    """Return hypotheses of all effects besides unknown loads; masses on the tool are such loads themselves."""
+    """Return hypotheses of all effects at joints with a gap, besides unknown loads.
+
+    Masses on the tool are such loads themselves.
+    """
     other, last = work.question, len(question.machine.regressors.model.machine.links) - 1
     allowed = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
     if gate:

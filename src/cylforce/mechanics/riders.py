@@ -194,10 +194,10 @@ def gravity_factor(moving: Motion) -> Vector:
 def unit_mass_torque(
     at: MovingPoint, up: Vector, slew_squared: Number, axis: float
 ) -> tuple[list[Number], list[Number]]:
-    """Return momentum [N m s] and static torque [N m] of a point mass of 1 kg, one value (...) per joint j.
+    """Return two lists for a point mass of 1 kg, one value (...) per joint j: momentum [N m s], static torque [N m].
 
-    p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with v the velocity of the mass, x_j the derivatives of
-    its place by the joints' angles, rho its distance from the slew axis.
+    They are p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with v the velocity of the mass, x_j the
+    derivatives of its place by the joints' angles, rho its distance from the slew axis.
 
     at: motion of the mass
     up: `gravity_factor` of the motion

@@ -221,7 +221,7 @@ def _reader(values: Sequence[PublishedValue]) -> Callable[[Estimate], Sequence[f
         return read
 
     def converted(estimate: Estimate) -> list[float]:
-        """Return the values [SI] in order, those that are no plain numbers converted."""
+        """Return the values [SI] in the order of `values`; an attribute that is no plain number is converted."""
         found = list(read(estimate))
         for place, convert in conversions:
             found[place] = convert(found[place])

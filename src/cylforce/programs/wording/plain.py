@@ -99,6 +99,10 @@ IDENTIFY_FIRST = (
     "Identify the machine first: {because}. Fitting the model's masses and friction to these recordings alone removes "
     "{share} of the difference"
 )
+IDENTIFY_IN_THE_AIR = (
+    "Identify the machine first: {because}. Fitting the model's masses and friction to these recordings does not "
+    "reduce the difference, as in contact with the ground or with unknown loads: record motion in the air"
+)
 HEADLINES = {
     Verdict.NO_GAP: "No fault found: these recordings differ from the model no more than is normal for this machine",
     Verdict.EXPLAINED: "{found}",
@@ -128,7 +132,8 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
         return f"Nothing can be concluded: {answer['reason']}."
     if "identify_first" in answer:
         first = answer["identify_first"]
-        identify = f"{IDENTIFY_FIRST.format(because=first['because'], share=percent(first['share']))}."
+        words_of_refit = IDENTIFY_FIRST if first["share"] > 0.0 else IDENTIFY_IN_THE_AIR
+        identify = f"{words_of_refit.format(because=first['because'], share=percent(first['share']))}."
         return f"{identify} Then: {_found(machine, answer)}." if answer["effects"] else identify
     told = answer.get("unknown")
     words = {
