@@ -59,7 +59,7 @@ class BusHealth:
 
     def __init__(self, emergencies: Emergencies, report: Callable[[str], None]) -> None:
         self._emergencies, self._report = emergencies, report
-        self._tally = Tally()
+        self._tally = Tally()  # losses and reopenings that have been reported
         self._last_us: dict[int, int] = {}  # by EMCY code the time at which the fault occurred last
         self._passive = False  # whether the controller is error passive
 

@@ -210,7 +210,7 @@ class Node(Objects):
     def check_segmented(self, index: int, sub: int) -> None:
         """Raise SdoAbortedError for a segmented download that must not begin.
 
-        The code of the lock must come in one frame: the event log replaces that one by zeros.
+        The code of the lock must come in one frame: the event log replaces the code of such a frame by zeros.
         """
         super().check_segmented(index, sub)
         if (index, sub) == (PROTECTION, CODE):

@@ -30,14 +30,14 @@ def soundness(case: Case, fit_quality: Quality, broken: tuple[str, ...]) -> Soun
     """Return the verdict on identified parameters.
 
     case: the model, and the last samples of the recording, on which corrections are tried
-    fit_quality: quality of the fit
+    fit_quality: shares of the torque that the fit explains, and distance of the parameters from the data sheet
     broken: sentences of the physical laws that the parameters break
     """
     rows = _rows(fit_quality)
     far = fit_quality.distance > FAR
     if not any(np.any(row) for row in rows) and not far:
         return Soundness(None, broken)
-    worst, little, unseen = rows
+    worst, little, unseen = rows  # joints worse than a constant, too little explained, never with a usable cylinder
     cylinders = _cylinders(case.model, worst | little | unseen)
     good = repairs(case, cylinders)
     if not good:  # below DOUBTFUL a joint is suspected only together with a correction that explains it better
@@ -96,7 +96,10 @@ def _unseen(model: Model, which: Which) -> tuple[str, ...]:
 
 
 def _little(model: Model, fit_quality: Quality, which: Which) -> tuple[str, ...]:
-    """Return a sentence about the selected joints, of whose torque too little is explained; () without any."""
+    """Return a sentence about the joints of whose torque too little is explained; () without any.
+
+    which: (R,) True for these joints
+    """
     if not np.any(which):
         return ()
     return (f"too little of the measured torque is explained: {_shares(model, fit_quality, which)} ({USUALLY})",)

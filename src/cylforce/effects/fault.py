@@ -214,7 +214,9 @@ class MassChange(Fault, Protocol):
         ...
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Return the change (3N, M) of (J, X, Z) of all links per unit of each size.
+        """Return the change (3N, M) of inertia and first moments per unit of each of the M sizes.
+
+        The rows are J [kg m^2], X and Z [kg m] of the first of N links, then those of the second one, and so on.
 
         where: number of the link
         """

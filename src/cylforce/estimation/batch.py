@@ -179,8 +179,8 @@ def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: f
     """
     weight = trust / row_error / np.sqrt(memory)
     triangle = stacked_triangle(data, weight)
-    found = _solved(triangle, stacked_triangle(of_noise(data), weight), root)
-    pull = _pull(data, found.values, weight * np.sqrt(memory))
+    found = _solved(triangle, stacked_triangle(of_noise(data), weight), root)  # less the information of sensor noise
+    pull = _pull(data, found.values, weight * np.sqrt(memory))  # (B, K) score of each block
     longer = max(1.0, _inflation(triangle * np.sqrt(memory), pull.T @ pull))
     return _Round(found, weight, triangle, memory, longer, _trust(data, found.values))
 

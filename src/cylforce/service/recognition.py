@@ -73,7 +73,8 @@ class Recognizer(Estimator):
     """Test whether the machine in use is the identified one, from blocks of motion clear of the ground.
 
     constants: of the machine
-    gram:      (K, K) products of the running block's rows [load | friction | zeros | residual], flat
+    gram:      (K, K) products of the running block's rows [load | friction | zeros | residual], in standard errors
+               of the residual, flat
     rows:      number of rows of the running block
     steps:     number of steps of the running block
     sum:       (K-4, K-4) sum of the products of earlier blocks, their loads eliminated, faded
