@@ -300,15 +300,20 @@ class FieldQuestion:
 
         kept: blocks (B,) that count; None: all
         """
-        return self._whole_gram if kept is None else self._gram_of(kept)
+        if kept is None:
+            found = self._whole_gram
+        elif 2 * np.count_nonzero(kept) > len(kept):  # the blocks left out are fewer
+            found = self._whole_gram.remainder(self._gram_of(~kept))
+        else:
+            found = self._gram_of(kept)
+        return found if self.noise is None else found.with_noise(self.noise)
 
     @cached_property
     def _whole_gram(self) -> Gram:
         if not self._has_same_rows:
             return self._gram_of(None)
         changed = [k for k in range(self.size + 1) if k not in self._kept_columns]
-        found = self._gram_as_read.with_columns(self.blocks, changed, self.unit, self._shared_noises)
-        return found if self.noise is None else found.with_noise(self.noise)
+        return self._gram_as_read.with_columns(self.blocks, changed, self.unit, self._shared_noises)
 
     @cached_property
     def _gram_as_read(self) -> Gram:
@@ -333,8 +338,7 @@ class FieldQuestion:
             first += len(blocks.rows)
             own = blocks if mask is None else blocks.masked(mask)
             parts.append(Gram.of(own, range(self.size), self.unit, noise))
-        found = Gram.total(parts)
-        return found if self.noise is None else found.with_noise(self.noise)
+        return Gram.total(parts)
 
     def _padded(self, noise: SharedNoise) -> SharedNoise:
         if not len(noise.products):

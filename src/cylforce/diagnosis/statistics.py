@@ -10,7 +10,7 @@ A smooth discrepancy of any level is marginalised later from these, without the 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import TypeVar
 
 import numpy as np
@@ -260,8 +260,18 @@ class Gram:
     def total(cls, each: Sequence["Gram"]) -> "Gram":
         """Return the sum of the Gram matrices of several recordings."""
         names = ("whole", "smooth", "rows", "blocks")
-        whole, smooth, rows, blocks = (np.sum([getattr(g, name) for g in each], axis=0) for name in names)
+        whole, smooth, rows, blocks = (reduce(np.add, [getattr(g, name) for g in each]) for name in names)
         return cls(whole, smooth, rows, blocks, np.concatenate([g.shared for g in each]))
+
+    def remainder(self, part: "Gram") -> "Gram":
+        """Return the Gram of the rows that are not in a part of the same recordings."""
+        return Gram(
+            self.whole - part.whole,
+            self.smooth - part.smooth,
+            self.rows - part.rows,
+            self.blocks - part.blocks,
+            self.shared - part.shared,
+        )
 
     @property
     def noise_energy(self) -> Array:
