@@ -1,5 +1,6 @@
 """From evidence to probabilities, and to the answer that costs least."""
 
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -50,10 +51,11 @@ def incident(key, log, share=0.1, rest=1.0, before=GAP):
     return BlockIncident(key, None, sizes, log, rest, before, None)
 
 
-def evidence(*candidates, incidents=(), gap=GAP, forms=FORMS, healthy=None, **more):
+def evidence(*candidates, incidents=(), gap=GAP, forms=FORMS, healthy=None, places=1, **more):
     """Return the evidence of hypotheses beside the healthy machine."""
     healthy = candidate(0.0, rest=gap) if healthy is None else healthy
-    question, case = SimpleNamespace(forms=forms), SimpleNamespace(machine=SimpleNamespace(noise=NOISE))
+    question = SimpleNamespace(forms=forms, incident_places=Counter({SLEW[0]: 1, CONTACT[0]: places}))
+    case = SimpleNamespace(machine=SimpleNamespace(noise=NOISE))
     return HypothesisEvidence(Found(question, case, (healthy, *candidates), tuple(incidents), np.array([gap])), **more)
 
 
@@ -68,7 +70,7 @@ def test_probabilities_add_up_to_one_and_follow_the_evidence():
 def test_without_evidence_the_prior_is_all_there_is():
     """A machine is healthy with the stated probability; all names of the library share the remainder alike."""
     found = evidence(*(candidate(0.0, k) for k in range(3)), healthy=candidate(0.0, rest=1.0), gap=1.0)
-    each = (1.0 - HEALTHY - UNKNOWN_EFFECT) / 3.0
+    each = (1.0 - HEALTHY - UNKNOWN_EFFECT) / 5.0  # contact and slewing are names, too
     odds = found.posterior[NO_GAP] / found.posterior[OTHER]
     assert odds == pytest.approx(HEALTHY / each, rel=0.05)
     assert found.posterior[MASS] == pytest.approx(found.posterior[OTHER])
@@ -141,6 +143,23 @@ def test_a_machine_without_effects_that_leaves_a_gap_is_no_healthy_one_except_at
 
 
 # Incidents
+
+
+def test_an_incident_with_many_places_is_no_more_probable_by_that():
+    one, each = (
+        evidence(incidents=[incident((CONTACT[0], str(n)), 10.0) for n in range(places)], places=places).posterior
+        for places in (1, 3)
+    )
+    assert one[CONTACT[0], "0"] == pytest.approx(sum(each[CONTACT[0], str(n)] for n in range(3)))
+
+
+def test_contact_beside_an_effect_is_as_improbable_as_contact_of_a_machine_in_order():
+    """Both cost the prior of its name; the effect beside it costs its own and the share of a second cause."""
+    contact = incident(CONTACT, 60.0)
+    beside = replace(candidate(60.0, 2), incident=contact)
+    found = evidence(candidate(0.0, 2), beside, incidents=[contact])
+    ratio = found.posterior[OTHER] / found.posterior[CONTACT]
+    assert ratio == pytest.approx(SECOND_EFFECT * np.exp(found.prior_of(candidate(0.0, 2))), rel=1e-3)
 
 
 @pytest.mark.parametrize("key", [SLEW, CONTACT, UNKNOWN])

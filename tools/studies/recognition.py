@@ -58,7 +58,7 @@ def recognised(model: Model, tares: Tares, values: Array) -> Course:
         left.rows = numbers(instant.columns.ravel())
         recognizer.update(left, numbers(usable[k]))
         if recognizer.blocks > max(before, BLOCKS - 1):
-            largest = max(largest, recognizer.misfit)
+            largest = max(largest, recognizer.mean_square)
         another.append(recognizer.another)
     return Course(np.array(another, dtype=bool), largest)
 

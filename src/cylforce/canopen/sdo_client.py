@@ -97,7 +97,7 @@ class Client:
                 raise NoAnswerError(f"{self._where(index, sub)}: no answer") from None
 
     async def _upload(self, index: int, sub: int) -> bytes:
-        """Read an object, expedited or in segments. Raises SdoAbortedError."""
+        """Read an object, expedited or in segments. Raises SdoAbortedError or TimeoutError."""
         answer = await self._request(_HEAD.pack(0x40, index, sub) + bytes(4), 0x40)
         if answer[0] & 2:
             return answer[4 : 8 - (answer[0] >> 2 & 3) if answer[0] & 1 else 8]

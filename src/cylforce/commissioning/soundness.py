@@ -12,7 +12,7 @@ from cylforce.commissioning.repairs import Case, Repair, repairs
 from cylforce.estimation.model import Model
 from cylforce.signals.kinds import Kind
 
-USUALLY = "healthy machines: above 99 %"  # what tools/studies/unexplained.py prints
+HEALTHY_SHARE = "healthy machines: above 99 %"  # what tools/studies/unexplained.py prints
 
 
 class Soundness(NamedTuple):
@@ -29,6 +29,9 @@ class Soundness(NamedTuple):
 def soundness(case: Case, fit_quality: Quality, broken: tuple[str, ...]) -> Soundness:
     """Return the verdict on identified parameters.
 
+    They are refused where a constant would explain the torque of a joint better, or no sample of it is usable. Too
+    small an explained share and a large distance from the data sheet are warnings.
+
     case: the model, and the last samples of the recording, on which corrections are tried
     fit_quality: shares of the torque that the fit explains, and distance of the parameters from the data sheet
     broken: sentences of the physical laws that the parameters break
@@ -37,13 +40,13 @@ def soundness(case: Case, fit_quality: Quality, broken: tuple[str, ...]) -> Soun
     far = fit_quality.distance > FAR
     if not any(np.any(row) for row in rows) and not far:
         return Soundness(None, broken)
-    worst, little, unseen = rows  # joints worse than a constant, too little explained, never with a usable cylinder
-    cylinders = _cylinders(case.model, worst | little | unseen)
+    worse, little, unseen = rows  # joints worse than a constant, too little explained, never with a usable cylinder
+    cylinders = _cylinders(case.model, worse | little | unseen)
     good = repairs(case, cylinders)
     if not good:  # below DOUBTFUL a joint is suspected only together with a correction that explains it better
         little &= np.nan_to_num(fit_quality.explained, nan=1.0) < LITTLE
     check = _what_to_check(case.model, cylinders, good)
-    refusals = (*_worse(case.model, fit_quality, worst), *_unseen(case.model, unseen))
+    refusals = (*_worse(case.model, fit_quality, worse), *_unseen(case.model, unseen))
     warnings = (*_little(case.model, fit_quality, little), *(_far(fit_quality) if far else ()))
     if not refusals and not warnings:
         return Soundness(None, broken)
@@ -62,8 +65,8 @@ def _rows(fit_quality: Quality) -> tuple[Which, Which, Which]:
     usable.
     """
     share = np.nan_to_num(fit_quality.explained, nan=1.0)
-    worst = share < NOTHING
-    return worst, (share < DOUBTFUL) & ~worst, np.array(fit_quality.unseen, dtype=bool)
+    worse = share < NOTHING
+    return worse, (share < DOUBTFUL) & ~worse, np.array(fit_quality.unseen, dtype=bool)
 
 
 def _names(model: Model, which: Which) -> list[str]:
@@ -83,7 +86,7 @@ def _worse(model: Model, fit_quality: Quality, which: Which) -> tuple[str, ...]:
         return ()
     joints = " and ".join(_names(model, which))
     text = f"the measured torque of {joints} does not fit the machine file: a constant would explain it better"
-    return (f"{text} (explained: {_shares(model, fit_quality, which)}; {USUALLY})",)
+    return (f"{text} (explained: {_shares(model, fit_quality, which)}; {HEALTHY_SHARE})",)
 
 
 def _unseen(model: Model, which: Which) -> tuple[str, ...]:
@@ -96,13 +99,13 @@ def _unseen(model: Model, which: Which) -> tuple[str, ...]:
 
 
 def _little(model: Model, fit_quality: Quality, which: Which) -> tuple[str, ...]:
-    """Return a sentence about the joints of whose torque too little is explained; () without any.
+    """Return a sentence with the shares of the joints of whose torque too little is explained; () without any.
 
     which: (R,) True for these joints
     """
     if not np.any(which):
         return ()
-    return (f"too little of the measured torque is explained: {_shares(model, fit_quality, which)} ({USUALLY})",)
+    return (f"too little of the measured torque is explained: {_shares(model, fit_quality, which)} ({HEALTHY_SHARE})",)
 
 
 def _far(fit_quality: Quality) -> tuple[str, ...]:

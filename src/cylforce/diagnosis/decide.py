@@ -96,10 +96,11 @@ class HypothesisEvidence:
         """Number of effect names that share the prior of the library; it depends on the question.
 
         All names with a form count, also of forms that the search does not try, and loads that spill or shift. Jumps
-        count only if a reading jumps. Contact and slewing count where the search examined them as incidents: not in
-        working recordings.
+        count only if a reading jumps. Contact and slewing count except in working recordings, where they are certain.
         """
         names = {f.name for f in self.found.question.forms} | {i.key[0] for i in self.found.incidents}
+        if self.found.work is None:
+            names |= self.found.question.incident_places.keys()
         return len(names - {UNKNOWN[0]})
 
     @cached_property
@@ -120,9 +121,10 @@ class HypothesisEvidence:
         """Return the log prior probability of a hypothesis."""
         if not c.hypothesis.forms:
             return self._log_prior_of_name if self.only_contact(c) else float(np.log(HEALTHY))
-        more = len(c.hypothesis.forms) - 1 + (c.beside_contact and self.found.work is None)
-        own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
-        return own + more * float(np.log(SECOND_EFFECT))
+        each = [self._prior[c.question.forms[p].key] for p in c.hypothesis.forms]
+        if c.beside_contact and self.found.work is None:
+            each.append(self._log_prior_of_name)
+        return sum(each) + (len(each) - 1) * float(np.log(SECOND_EFFECT))
 
     @property
     def _log_prior_of_name(self) -> float:
@@ -145,9 +147,10 @@ class HypothesisEvidence:
             return float(np.log(HEALTHY))
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / 2.0 / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
-        # Loads are separate evidence, but a model error that the work leaves is common to them.
-        odds = effective_share(i.rest) * i.odds if isinstance(i, Spill) else 0.0
-        return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names)) + odds
+        name = self._log_prior_of_name
+        if isinstance(i, Spill):  # evidence of each load by itself, but a model error of the work is common to them
+            return name + effective_share(i.rest) * i.odds
+        return name - float(np.log(self.found.question.incident_places[i.key[0]]))
 
     # Posterior
 

@@ -4,6 +4,7 @@ All forms are screened at once. A small beam of hypotheses with more and more ef
 examined again with their columns at the magnitudes found, and with their shape parameters refined.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -288,6 +289,12 @@ class FieldQuestion:
             for c, f in zip(model.machine.cylinders, load.tolist(), strict=True)
         ]
         return np.asarray(np.maximum(np.array(each), 0.0))
+
+    @cached_property
+    def incident_places(self) -> Counter[str]:
+        """Number of places of each incident of single blocks; a free torque is no effect."""
+        incidents = (p.name for p in self.machine.layout.proposals if p.course is TimeCourse.WINDOWS)
+        return Counter(name for name in incidents if name != UNKNOWN_TORQUE)
 
     def unit_of(self, form: int) -> Array:
         """Return the typical sizes (M,) of a form's columns."""

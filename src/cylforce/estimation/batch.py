@@ -169,7 +169,8 @@ def _rounds(data: Factors, row_error: Array, prior: Prior | None) -> tuple[Array
 
 
 def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: float) -> _Round:
-    """Return one pass of reweighting: the weighted solution, and the weights and memory that follow from its residuals.
+    """Return one pass of reweighting: the weighted solution, corrected for the sensors' noise in the columns, and the
+    weights and memory that follow from its residuals.
 
     data:      blocks of the recording
     row_error: (R,) standard error of a row [N m]
@@ -179,9 +180,9 @@ def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: f
     """
     weight = trust / row_error / np.sqrt(memory)
     triangle = stacked_triangle(data, weight)
-    found = _solved(triangle, stacked_triangle(of_noise(data), weight), root)  # less the information of sensor noise
-    pull = _pull(data, found.values, weight * np.sqrt(memory))  # (B, K) score of each block
-    longer = max(1.0, _inflation(triangle * np.sqrt(memory), pull.T @ pull))
+    found = _solved(triangle, stacked_triangle(of_noise(data), weight), root)
+    scores = _scores(data, found.values, weight * np.sqrt(memory))
+    longer = max(1.0, _inflation(triangle * np.sqrt(memory), scores.T @ scores))
     return _Round(found, weight, triangle, memory, longer, _trust(data, found.values))
 
 
@@ -236,7 +237,7 @@ def _enlarged(share: Array) -> tuple[Array, Array]:
     return 1.0 / (1.0 - np.minimum(values, MOST_REMOVED)), axes
 
 
-def _pull(data: Factors, values: Array, weight: Array) -> Array:
+def _scores(data: Factors, values: Array, weight: Array) -> Array:
     """Return the score A' e of every block (B, K): the direction in which the block would change the parameters.
 
     A are the columns of its weighted rows, e their residuals. The part that the sensors' noise in A causes is
@@ -261,13 +262,13 @@ def _covariance(data: Factors, last_round: _Round, root: Array) -> Array:
     block attracts the estimate, so that its own residual is too small. Its score is enlarged to the value that it has
     for an estimate from the other blocks alone (jackknife, CR3: Bell and McCaffrey 2002)."""
     white = last_round.solution.white
-    pull = _pull(data, last_round.solution.values, last_round.weight) @ white
+    scores = _scores(data, last_round.solution.values, last_round.weight) @ white
     across = (data.triangle[..., :-1] * last_round.weight[..., None, None]) @ white
     across = across.reshape(len(across), -1, white.shape[1])
     gain, axes = _enlarged(np.swapaxes(across, 1, 2) @ across)
-    pull = np.sum(axes * (gain * np.sum(axes * pull[:, :, None], axis=1))[:, None], axis=2)
+    scores = np.sum(axes * (gain * np.sum(axes * scores[:, :, None], axis=1))[:, None], axis=2)
     known = root[:, :-1] @ white
-    return np.asarray(white @ (pull.T @ pull + known.T @ known) @ white.T)  # B (sum s s' + L'L) B, B = white white'
+    return np.asarray(white @ (scores.T @ scores + known.T @ known) @ white.T)  # B (sum s s' + L'L) B, B = white white'
 
 
 def _inflation(triangle: Array, meat: Array) -> float:

@@ -55,7 +55,7 @@ def read_csv(path: Path, names: list[str]) -> Iterator[Cells]:
 
 
 def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
-    """Yield the named columns of an open CSV file."""
+    """Yield the named columns of an open CSV file; an empty cell is NaN."""
     lines_read = lines_of(path, file)
     head = next(lines_read, "")
     delimiter = next((mark for mark in ",;\t" if mark in head), ",")

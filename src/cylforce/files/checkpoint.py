@@ -95,7 +95,7 @@ def _packed_array(values: NDArray[np.generic]) -> PackedArray:
 
 
 def _with_arrays(value: JsonValue) -> object:
-    """Return the state with its arrays unpacked, everything else as it is."""
+    """Return the state with its bytes and arrays (Python's and NumPy's) unpacked, everything else as it is."""
     if isinstance(value, list):
         return [_with_arrays(part) for part in value]
     if not isinstance(value, dict):

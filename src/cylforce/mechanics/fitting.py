@@ -48,14 +48,14 @@ def lengths(machine: Machine, c: int, linkage: Linkage) -> tuple[float, float]:
 def fitted(
     start: Array, ease: Array, ends: Callable[[Array], tuple[float, float]], wanted: tuple[float, float]
 ) -> Array:
-    """Return the coordinates x (K,) [m] of pins, nearest to `start`, with which a cylinder has the wanted lengths.
+    """Return pin coordinates and bar lengths x (K,) [m] near `start`, with which a cylinder has the wanted lengths.
 
     Newton's method for two equations with K unknowns. Each step is the shortest that solves them to first order:
     x - E (J E)^+ (ends(x) - wanted), E = diag(ease). Raises ValueError when there is no solution nearby.
 
-    start: (K,) typical coordinates [m]
-    ease: (K,) how far each coordinate moves relative to the others
-    ends: function of x that returns the cylinder's shortest and longest length [m]
+    start: (K,) typical coordinates and bar lengths [m]
+    ease: (K,) how far each of them moves relative to the others
+    ends: function of x that returns the cylinder's shortest and longest length [m] over its joint's range
     wanted: its shortest and longest length [m]
     """
     x, target = start.astype(np.float64), np.array(wanted)

@@ -38,7 +38,8 @@ class Weighed:
     moving:  number of samples in motion on which the weight is based
     tilt:    angle of the tool to the house at the first weight of this load [rad]; None where the tool empties without
              tilting
-    slopes:  (H,) change of the mass per unit of an undetected error of each signal; None: not known
+    slopes:  (H,) change of the mass [kg] per unit of an undetected error of each signal: of cylinder forces [bar over
+             the head area] and joint angles [rad]; None: not known
     hung:    angle of the tool to the house at the start of this load [rad]
     """
 
@@ -62,7 +63,7 @@ def weighed(lift: Lift, parameters: int, tilt: float | None, slopes: Array | Non
     lift:       recursive estimate of the load
     parameters: P, number of tares
     tilt:       present angle of the tool to the house [rad]; None where the tool empties without tilting
-    slopes:     (H,) change of the mass per unit of an undetected error of each signal; None: not known
+    slopes:     (H,) change of the mass per unit of an undetected error of each signal (`Weighed`); None: not known
     """
     gain, noise = lift.covariance[0] @ lift.gram, float(lift.covariance[0, 0])
     mass, drifted = float(lift.values[0]), gain[parameters:]
@@ -80,7 +81,7 @@ def weighed(lift: Lift, parameters: int, tilt: float | None, slopes: Array | Non
 
 @dataclass(frozen=True, slots=True)
 class ProbableErrors:
-    """Errors of H signals that explain the torques best.
+    """Errors of H signals that explain the torques best: of cylinder forces [bar over the head area] and angles [rad].
 
     sizes:   (H,) sizes of the errors
     certain: (H,) square root of an error's square less its variance: its part beyond noise; 0: no more than noise
@@ -177,7 +178,7 @@ class BookingConstants(Constants):
         weight: weight at an instant of a lift, with its sensitivities
         drift:  drift of friction and zeros, with its covariance
         tares:  identified parameters of the empty machine, with the relative error of the scale that counts
-        sizes:  (H,) standard errors of the H signals by faults that no detector finds, independent; None: not known
+        sizes:  (H,) root mean square errors of the H signals (`ProbableErrors`), independent; None: not known
         """
         slopes = weight.slopes
         return Variances(
@@ -200,7 +201,7 @@ class BookingConstants(Constants):
 
         weight: at an instant of a lift, with its sensitivities
         drift:  of friction and zeros, with its covariance
-        sizes:  (H,) probable errors of the signals, which count, too; None: not known
+        sizes:  (H,) root mean square errors of the H signals, which count, too; None: not known
         """
         return sqrt(self.variances(weight, drift, self.reported, sizes).total)
 

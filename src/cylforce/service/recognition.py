@@ -135,7 +135,7 @@ class Recognizer(Estimator):
         self.interrupt()
 
     @property
-    def misfit(self) -> float:
+    def mean_square(self) -> float:
         """Mean squared normalised residual of the blocks so far: about 0.5 for the machine that was identified."""
         return _residual_squares(self.sum) / self.weight
 
@@ -157,7 +157,7 @@ class Recognizer(Estimator):
         self.blocks += 1
         if self.blocks < BLOCKS:
             return
-        fits = self.misfit <= LIMIT
+        fits = self.mean_square <= LIMIT
         self.misfits = 0 if fits else self.misfits + 1
         self.another = not fits and (self.another or self.misfits >= SURE)
 

@@ -93,8 +93,11 @@ class Source(NamedTuple):
 
 
 def error_text(source: Source, faults: Iterable[FaultError]) -> str:
-    """Return the text of a SettingsError: every fault once, in the order of the file."""
-    lines = sentences(source, _merged(list(faults)))
+    """Return the text of a SettingsError: its errors in the order of the file, equal sentences once.
+
+    A missing key and its misspelling are one error.
+    """
+    lines = sentences(source, _with_misspellings_merged(list(faults)))
     if len(lines) == 1:
         return lines[0]
     return "\n".join([f"{source.path}: {len(lines)} errors", *lines])
@@ -108,7 +111,7 @@ def sentences(source: Source, faults: Iterable[FaultError]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(texts))
 
 
-def _merged(faults: list[FaultError]) -> list[FaultError]:
+def _with_misspellings_merged(faults: list[FaultError]) -> list[FaultError]:
     """Merge a missing key and the misspelt one beside it into one error."""
     for lacking in [fault for fault in faults if fault.missing]:
         beside = {str(f.key[-1]): f for f in faults if f.unknown and f.key[:-1] == lacking.key}

@@ -217,8 +217,9 @@ def _sure(answer: dict[str, Any]) -> Lines:
     if not answer["effects"]:
         return ()
     first = answer["effects"][0]["confidence"]
-    right = min(max(round(10 * first), 1), 9)
-    return (f"{percent(first)}: of ten such answers about {right} are right.",)
+    many, count = ("ten", 10) if round(10 * first) < 10 else ("a hundred", 100)
+    right = min(max(round(count * first), 1), count - 1)
+    return (f"{percent(first)}: of {many} such answers about {right} are right.",)
 
 
 def percent(probability: float) -> str:

@@ -92,6 +92,8 @@ class Reversals(Estimator):
     ) -> bool:
         """Return whether a reversal of friction explains the suspected step of a pressure.
 
+        A reversal changes the force by at most twice the dry friction, which is uncertain by CLEAR standard errors.
+
         suspicion: suspicion of the step
         steps:     number of steps of the filters so far
         speed:     (C,) present speed of the cylinders [m/s]
