@@ -1,7 +1,6 @@
 """The diagnosis: why a machine differs from its model. `diagnose` compares recordings with a healthy machine.
 
-The modules stand in the order of the work: recordings, regressors, statistics, likelihood, model, search, decide,
-explain."""
+The modules stand in the order of the work: regressors, statistics, model, likelihood, search, decide, explain."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

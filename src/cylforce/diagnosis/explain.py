@@ -1,8 +1,8 @@
 """Explanation of an answer: named causes are simulated, and the gap that remains is described.
 
 The description has the closure, the joints and regimes with a gap, the shape of an unexplained residual, and the
-gap that a refit of the parameters removes. Nothing here overwrites a decision: a simulation that contradicts a cause
-is evidence for `decide`, which withdraws the cause. Bayes' rule then holds among the others.
+gap that a refit of the parameters removes. Nothing here overwrites a decision: where a simulation contradicts a
+cause, `concluded` withdraws it, and Bayes' rule holds among the others.
 """
 
 from collections.abc import Callable, Iterator, Sequence

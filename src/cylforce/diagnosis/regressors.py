@@ -2,7 +2,7 @@
 
     residual = torque - base columns @ parameters
 
-All rows are computed at a fifth of the sampling rate, after the low-pass that the service applies first. The column of
+All rows are computed thinned to about 20 Hz, after the low-pass that the service applies first. The column of
 an effect is the torque [N m] that one unit of its magnitude adds to the residual. Laws of force and torque give it
 directly. For errors of sensors and of geometry it is a central difference of the residual.
 """
@@ -268,7 +268,7 @@ class Regressors:
         values, late = recording.values, slice(self.slow.settle_steps, None)
         moved = self.slow.channels.run(self.thinned(values))
         steps = np.arange(len(moved.motion.q), dtype=np.float64)
-        t = recording.begins_s + (steps - 0.5) / self.slow.filters.rate_hz  # the middle of four samples
+        t = recording.begins_s + (steps - 0.5) / self.slow.filters.rate_hz  # the middle of the step before
         laws = tuple((e, p.where) for p in proposals for e in p.group if isinstance(e, ForceLaw | JointLaw))
         filtered = self._filtered(*([_Laws(laws, t)] if laws else []), *self._bars).run(moved.motion)
         size = len(self.parameters)

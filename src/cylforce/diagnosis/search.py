@@ -1283,7 +1283,7 @@ def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Pro
 def _showing(question: FieldQuestion, case: Likelihood, allowed: list[int], still: Mask) -> list[int]:
     """Return the forms whose largest torque is at a joint with a gap.
 
-    Effects that begin later or are filtered are exempt.
+    Effects that begin later are exempt, and jumps of a reading, which the low-pass filters away.
     """
     found = []
     for k in allowed:
@@ -1301,8 +1301,8 @@ def _showing(question: FieldQuestion, case: Likelihood, allowed: list[int], stil
 def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed: Sequence[int]) -> list[Candidate]:
     """Return the candidates, the most probable ones renewed at their magnitudes.
 
-    Their shape parameters are refined, their columns are computed at their magnitudes, and one more effect is tried
-    besides the first of them.
+    Their shape parameters are refined, their columns are computed at their magnitudes, and AGAIN second effects
+    are tried besides the first of them.
     """
 
     def order(c: Candidate) -> float:
