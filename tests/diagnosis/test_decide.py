@@ -153,15 +153,6 @@ def test_an_incident_with_many_places_is_no_more_probable_by_that():
     assert one[CONTACT[0], "0"] == pytest.approx(sum(each[CONTACT[0], str(n)] for n in range(3)))
 
 
-def test_contact_beside_an_effect_is_as_improbable_as_contact_of_a_machine_in_order():
-    """Both cost the prior of its name; the effect beside it costs its own and the share of a second cause."""
-    contact = incident(CONTACT, 60.0)
-    beside = replace(candidate(60.0, 2), incident=contact)
-    found = evidence(candidate(0.0, 2), beside, incidents=[contact])
-    ratio = found.posterior[OTHER] / found.posterior[CONTACT]
-    assert ratio == pytest.approx(SECOND_EFFECT * np.exp(found.prior_of(candidate(0.0, 2))), rel=1e-3)
-
-
 @pytest.mark.parametrize("key", [SLEW, CONTACT, UNKNOWN])
 def test_an_incident_with_evidence_is_named(key):
     found = evidence(incidents=[incident(key, 200.0)])

@@ -121,10 +121,9 @@ class HypothesisEvidence:
         """Return the log prior probability of a hypothesis."""
         if not c.hypothesis.forms:
             return self._log_prior_of_name if self.only_contact(c) else float(np.log(HEALTHY))
-        each = [self._prior[c.question.forms[p].key] for p in c.hypothesis.forms]
-        if c.beside_contact and self.found.work is None:
-            each.append(self._log_prior_of_name)
-        return sum(each) + (len(each) - 1) * float(np.log(SECOND_EFFECT))
+        more = len(c.hypothesis.forms) - 1 + (c.beside_contact and self.found.work is None)
+        own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
+        return own + more * float(np.log(SECOND_EFFECT))
 
     @property
     def _log_prior_of_name(self) -> float:

@@ -5,6 +5,7 @@ sheet are four sources of the same object. It holds parameters and columns with 
 the level of the model discrepancy, the run-to-run variation, and the sensor noise of a healthy machine.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -50,6 +51,7 @@ FOLDS = 4  # parts of the references, each predicted from the others
 FRICTION_MAGNITUDES = ("coulomb", "viscous", "load_dependent")  # laws with one magnitude for both directions
 FIRST_GUESS = 0.1  # of the torque's rms: noise in the first round
 NOISE_S = 120.0  # s of each recording on which shared sensor noise is simulated
+NOISE_OF_STRETCH_S = 20.0  # s of each of its stretches, at least: seven blocks
 STEADY_BASE = 5e-4  # rad/s, rms: apparent rate of a base at rest; physics: noise of inclinometers, filtered
 FEWEST_REFERENCES = 2  # recordings, from which on the run-to-run variation is learnt
 VARIATION_TIMES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # factors on the stated variation; a factor of two is one sigma
@@ -369,7 +371,7 @@ def learnt(
     shares:       factors on the healthy spread of effects that are tried
     parallel_map: maps a function, perhaps in parallel
     """
-    twins = [noisy_twin(each, regressors, sensor_noise, rng) for each in recordings]
+    twins = noisy_twins(recordings, regressors, sensor_noise, rng)
     rows = parallel_map(lambda each: regressors.rows(each, proposals), [*recordings, *twins])
     rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
     settle = regressors.slow.settle_steps
@@ -458,12 +460,19 @@ def _padded(noise: SharedNoise, own: int, more: int, joints: int) -> SharedNoise
     return SharedNoise(found, noise.counts)
 
 
-def noisy_twin(
-    recording: Recording, regressors: Regressors, sensor_noise: Array, rng: np.random.Generator
-) -> Recording:
-    """Return the first NOISE_S of a recording with the sensors' noise (S,) added once more."""
-    values = recording.values[: round(NOISE_S * regressors.model.filters.rate_hz)]
-    return replace(recording, values=values + sensor_noise * rng.standard_normal(values.shape))
+def noisy_twins(
+    recordings: Sequence[Recording], regressors: Regressors, sensor_noise: Array, rng: np.random.Generator
+) -> list[Recording]:
+    """Return the beginning of each stretch with the sensors' noise (S,) added once more.
+
+    The stretches of one recording have NOISE_S in all, and each NOISE_OF_STRETCH_S or more.
+    """
+    stretches, found = Counter(each.name for each in recordings), []
+    for each in recordings:
+        seconds = max(NOISE_S / stretches[each.name], NOISE_OF_STRETCH_S)
+        values = each.values[: round(seconds * regressors.model.filters.rate_hz)]
+        found.append(replace(each, values=values + sensor_noise * rng.standard_normal(values.shape)))
+    return found
 
 
 def with_noise(
@@ -502,8 +511,8 @@ def noise_of_sensors(
 ) -> NoiseFloor:
     """Return the noise of the residual that comes from the sensors' noise alone."""
     changes = []
-    for recording, own in zip(recordings, rows, strict=True):
-        noisy = regressors.rows(noisy_twin(recording, regressors, sensor_noise, rng), ()).residual
+    for twin, own in zip(noisy_twins(recordings, regressors, sensor_noise, rng), rows, strict=True):
+        noisy = regressors.rows(twin, ()).residual
         changes.append(noisy - own.residual[: len(noisy)])
     return NoiseFloor.of(changes)
 
