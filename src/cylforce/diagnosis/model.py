@@ -788,7 +788,7 @@ def _without_blocks(rows: TorqueRows, kept: Mask) -> TorqueRows:
 QUIET_SHARE = (
     0.25  # of the rows, with which the search begins: so much of its time a digging machine is empty (physics)
 )
-STARTS = 64  # single blocks from which the search begins
+STARTS = 64  # single blocks from which the search begins, at most
 TRIM_ROUNDS = 20
 
 
@@ -828,7 +828,7 @@ class _Trimmed:
         usable = np.any(self._rows > 0.0, axis=1)
         if not np.any(usable):
             return np.asarray(~usable)
-        starts = np.flatnonzero(usable)[:: max(int(np.sum(usable)) // STARTS, 1)]
+        starts = np.flatnonzero(usable)[:: -(-int(np.sum(usable)) // STARTS)]
         kept, _ = min((self._quietest(np.arange(len(usable)) == s) for s in starts), key=lambda found: found[1])
         for _ in range(TRIM_ROUNDS):
             now = usable & ~self._working(kept)
@@ -907,7 +907,7 @@ class _Trimmed:
 def _energy(products: Array, values: Array) -> Array:
     """Return the sums of squares (..., R) of the residual with values (P,)."""
     left = np.append(-values, 1.0)
-    return np.asarray(np.maximum(np.einsum("...ij,i,j->...", products, left, left, optimize=True), 0.0))
+    return np.asarray(np.maximum(products @ left @ left, 0.0))
 
 
 def _root(squares: Array, rows: Array) -> Array:
