@@ -389,10 +389,11 @@ class FieldQuestion:
             masses = ExtraMass().change(machine, j) * np.array(ExtraMass().typical)
             moved = np.pad(masses, ((0, len(unit) - len(masses)), (0, 0))) / unit[:, None]
             own = [c.name for c, span in zip(machine.cylinders, machine.spans, strict=True) if max(span) == j]
-            rubs = [k for k, p in enumerate(model.parameters) if p.name.rpartition(".")[0] in own]
+            friction = enumerate(model.parameters[len(masses) :], len(masses))
+            rubs = [k for k, p in friction if p.name.rpartition(".")[0] in own]
             covariance = case.machine.covariance.copy()
             covariance[: len(unit), : len(unit)] += moved @ moved.T
-            covariance[rubs, rubs] += [float(k >= len(masses)) for k in rubs]
+            covariance[rubs, rubs] += 1.0
             changed = replace(case, machine=replace(case.machine, covariance=covariance))
             logs.append(changed.likeliest((), changed.machine.noise).log)
         return max(logs) - float(np.log(machine.size))
