@@ -194,17 +194,14 @@ class HypothesisEvidence:
     def lawful(self, c: Candidate) -> float:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
 
-        It is 1 for effects that leave at most one noise floor, whatever the noise: a cause that the library lacks, but
-        that looks like one of its effects, counts as that effect. A machine without effects must also leave no gap, or
-        only the error of a law. This does not hold at work, whose model error references do not show.
+        A healthy residual also leaves no gap, or only the error of a law. This does not hold at work, whose model error
+        references do not show. The probability is 1 for effects that leave at most one noise floor, whatever the noise:
+        a cause that the library lacks, but that looks like one of its effects, counts as that effect.
         """
-        usual = self.usual(c.hypothesis)
-        left = max(c.rest**2 - 1.0, 0.0)
-        if c.hypothesis.forms:
-            return usual + (1.0 - usual) * self._error_of_law(left)
-        if self.found.work is not None or left <= SAME_MACHINE:
-            return usual
-        return usual * self._error_of_law(left - SAME_MACHINE)
+        healthy, left = self.usual(c.hypothesis), max(c.rest**2 - 1.0, 0.0)
+        if self.found.work is None and left > SAME_MACHINE:
+            healthy *= self._error_of_law(left - SAME_MACHINE)
+        return healthy + (1.0 - healthy) * self._error_of_law(left) if c.hypothesis.forms else healthy
 
     def _error_of_law(self, left: float) -> float:
         """Return the probability that residual energy, in noise floors, is the error of a law that made the gap."""

@@ -78,6 +78,6 @@ def gap(
         found = diagnose(loaded, question, (*LIBRARY, *own), watch=watch, cache=kept, parallel_map=map_in_processes)
         report = None if html is None else gap_report(loaded, question, found, watch)
     write_all(found, report, Outputs(output, patch, html, residuals))
-    if next_motion is not None:
-        write_next_motion(next_motion, found, loaded.service.machine)
     show(found, loaded.service.machine, Console(highlight=False))
+    if next_motion is not None:  # last: where no motion helps, the answer stands above that sentence
+        write_next_motion(next_motion, found, loaded.service.machine)

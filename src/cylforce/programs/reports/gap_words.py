@@ -11,6 +11,7 @@ from cylforce.effects.library import Proposal
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.reports.units import interval, shown
 from cylforce.programs.wording.fault_words import fault, place
+from cylforce.programs.wording.plain import percent
 from cylforce.signals.kinds import Kind
 
 FORMS = {"width": "m/s", "way": "m", "turning": "N m"}  # shape parameters with a meaning for the reader, with SI unit
@@ -89,7 +90,7 @@ def _line(machine: Machine, proposal: Proposal, effect: dict[str, Any]) -> Cause
         shown(size["value"], unit),
         interval(size["low"], size["high"], unit),
         ", ".join([*([effect["when"]] if effect["when"] else []), *form]),
-        f"{100 * effect['confidence']:.0f} %",
+        percent(effect["confidence"]),
         proposal.about.shows,
     )
 
