@@ -33,7 +33,7 @@ class Counters:
 
     received, sent: frames
     dropped: own frames that were not sent, because the queue was full or the bus down
-    errors: failures of the bus
+    errors: failures of the bus, and of attempts to open it again
     reopened: times that the bus was opened again
     """
 
@@ -47,8 +47,9 @@ class Counters:
 class Bus(ABC):
     """A CAN bus, the base class of the transports.
 
-    A subclass opens its transport in `_open`, which may raise OSError or BusError. It counts each received frame and
-    passes it to `_on_frame`. It calls `_sent` after each frame that it sent, and `_lost` when the transport fails.
+    A subclass opens its transport in `_open`, which may raise OSError or BusError, receives on the loop from `_listen`
+    on, and closes the transport in `_shut`. It counts each received frame and passes it to `_on_frame`. It calls
+    `_sent` after each frame that it sent, and `_lost` when the transport fails.
 
     name: INTERFACE:CHANNEL
     counters: counts since the start
@@ -68,7 +69,8 @@ class Bus(ABC):
     def accept(self, filters: Iterable[Filter]) -> None:
         """Receive from now on only frames that match one of the filters, and the controller's error frames.
 
-        Traffic between other nodes, however much there is, then costs no time.
+        A frame matches where its identifier equals the filter's in every bit that is 1 in the filter's mask. Traffic
+        between other nodes, however much there is, then costs no time.
         """
         self._filters = tuple(filters)
 
@@ -95,7 +97,10 @@ class Bus(ABC):
         """
 
     def overflow(self) -> int:
-        """Return the number of received frames that were lost so far because the receive buffer was full."""
+        """Return the number of received frames that were lost so far because the receive buffer was full.
+
+        It is 0 where a transport does not count them.
+        """
         return 0
 
     def close(self) -> None:
@@ -126,9 +131,10 @@ class Bus(ABC):
         return False
 
     def _lost(self) -> None:
-        """Close a transport that failed, and open it again later.
+        """Count a failure, close the transport, and open it again later.
 
-        The wait grows with each failure. It starts again from the shortest once frames have been received or sent.
+        The wait doubles with each failure, from FIRST_DELAY_S to LAST_DELAY_S. It starts again from the shortest once
+        frames have been received or sent. Before `attach` and after `close` the transport stays closed.
         """
         self.counters.errors += 1
         passed = self.counters.received + self.counters.sent

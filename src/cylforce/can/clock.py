@@ -62,7 +62,10 @@ class Timer:
 
     @property
     def deadline_us(self) -> int:
-        """Time at which the expiry that was read last was due, on the scale of `now_us()` [us]."""
+        """Time at which the latest expiry that `read` has counted was due, on the scale of `now_us()` [us].
+
+        Before the first one it is the time of construction.
+        """
         return (_START_NS + self._first_ns + (self._count - 1) * self._period_ns) // 1000
 
     def close(self) -> None:
@@ -73,7 +76,7 @@ class Timer:
 
 
 def _checked(result: int) -> int:
-    """Return the result of a system call, or raise OSError."""
+    """Return the result of a system call; raise OSError, with the text of errno, where it is negative."""
     if result < 0:
         number = ctypes.get_errno()
         raise OSError(number, f"no timer: {os.strerror(number)}")

@@ -8,8 +8,9 @@ from cylforce.can.socketcan import SocketCan
 
 
 def open_shared_bus(name: str) -> Bus:
-    """Open a bus as `open_bus`, for a program that communicates with other programs. Raises BusError with a
-    sentence.
+    """Open a bus as `open_bus`, for a program that communicates with other programs.
+
+    Raises BusError with a sentence, also for a virtual bus, which exists inside one process only.
     """
     if name.startswith("virtual:") and name != "virtual:":
         raise BusError(
@@ -20,9 +21,10 @@ def open_shared_bus(name: str) -> Bus:
 
 
 def open_bus(name: str, now: Callable[[], int] = now_us) -> Bus:
-    """Open a bus by "INTERFACE:CHANNEL". Raises BusError with a sentence.
+    """Open a bus by "INTERFACE:CHANNEL".
 
-    Names are `socketcan:can0`, `virtual:NAME` (inside one process), `remote:127.0.0.1:PORT`.
+    Raises BusError with a sentence where the interface is unknown or refused, the channel is missing, or the bus cannot
+    be opened. Names are `socketcan:can0`, `virtual:NAME` (inside one process), `remote:127.0.0.1:PORT`.
 
     now: clock that stamps the frames [us]
     """

@@ -26,7 +26,10 @@ _QUEUE_FRAMES = 5000  # as many as SocketCAN's receive buffer holds; chosen
 
 
 def _message(can_id: int, data: bytes) -> can.Message:
-    """Return python-can's message of a frame."""
+    """Return python-can's message of a frame. A remote frame has no data, and its length becomes 0.
+
+    can_id: identifier with SocketCAN's flag bits
+    """
     return can.Message(
         arbitration_id=can_id & 0x1FFFFFFF,
         is_extended_id=bool(can_id & EXTENDED),
@@ -45,8 +48,8 @@ def _can_id(message: can.Message) -> int:
 class _Mailbox(queue.Queue[can.Message]):
     """A receive queue. A sender never waits: when the queue is full, the frame is lost and counted.
 
-    arrived: called for each frame
-    lost: frames that were lost
+    arrived: called, in the sender's thread, after each frame that was stored
+    lost: number of frames that were lost
     """
 
     def __init__(self, arrived: Callable[[], None]) -> None:
@@ -55,7 +58,10 @@ class _Mailbox(queue.Queue[can.Message]):
         self._arrived = arrived
 
     def put(self, item: can.Message, block: bool = True, timeout: float | None = None) -> None:
-        """Store a frame and wake the receiver; the arguments are those of `queue.Queue`."""
+        """Store a frame and call `arrived`; count it as lost when _QUEUE_FRAMES wait already.
+
+        The arguments are those of `queue.Queue`; `block` and `timeout` have no effect.
+        """
         if self.qsize() >= _QUEUE_FRAMES:
             self.lost += 1
             return
@@ -67,7 +73,7 @@ class PythonCan(Bus):
     """Base class of both buses: converts messages of python-can into frames."""
 
     def _received(self, t_us: int, message: can.Message) -> None:
-        """Pass a message on as a frame, unless it is filtered out."""
+        """Count a message and pass it on as a frame of the time `t_us` [us], unless it is filtered out."""
         can_id = _can_id(message)
         if self._accepts(can_id):
             self.counters.received += 1
@@ -109,14 +115,14 @@ class Virtual(PythonCan):
             self._bus = None
 
     def _arrived(self) -> None:
-        """Wake the loop, unless that has been done already; called in any thread."""
+        """Make the loop call `_drain`, unless that has been requested already; called in any thread."""
         loop = self._loop
         if loop is not None and not loop.is_closed() and not self._woken.is_set():
             self._woken.set()
             loop.call_soon_threadsafe(self._drain)
 
     def _drain(self) -> None:
-        """Receive the frames that wait, at most BURST, then wake the loop again."""
+        """Receive the frames that wait, all with the time of this call; after BURST frames, request another call."""
         self._woken.clear()
         t_us = self._now()
         for _ in range(BURST):
@@ -142,7 +148,9 @@ class Virtual(PythonCan):
 class Remote(PythonCan):
     """The bus `remote:127.0.0.1:PORT`: a client of the relay (`Relay`, or `python -m can_remote -H 127.0.0.1`).
 
-    channel: address of the relay
+    Raises BusError with a sentence for another address, or where no relay answers.
+
+    channel: address of the relay, 127.0.0.1:PORT
     now: clock that stamps the frames [us]
     """
 
@@ -189,7 +197,7 @@ class Remote(PythonCan):
         self._bus = None
 
     def _drain(self) -> None:
-        """Receive the frames that wait, at most BURST."""
+        """Receive the frames that wait, at most BURST, all with the time of this call. On any error reconnect later."""
         t_us = self._now()
         for _ in range(BURST):
             if self._bus is None:
@@ -205,7 +213,7 @@ class Remote(PythonCan):
                 self._received(t_us, message)
 
     def send(self, can_id: int, data: bytes) -> bool:
-        """Send a frame, see `Bus.send`."""
+        """Send a frame, see `Bus.send`; after an error the bus is opened again later."""
         if self._bus is None:
             return self._drop()
         try:

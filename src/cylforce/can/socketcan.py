@@ -75,7 +75,7 @@ class SocketCan(Bus):
                 raise BusError(f"{self.name}: the kernel takes no {len(self._filters or ())} filters") from error
 
     def _install(self, opened: socket.socket) -> None:
-        """Set the filters of a socket."""
+        """Set the filters of `accept` in a socket; before `accept` the kernel passes every frame."""
         if self._filters is not None:
             opened.setsockopt(socket.SOL_CAN_RAW, _FILTER, b"".join(_PAIR.pack(*pair) for pair in self._filters))
 
@@ -93,7 +93,10 @@ class SocketCan(Bus):
             self._socket = None
 
     def _drain(self, opened: socket.socket) -> None:
-        """Receive the frames that wait, at most BURST."""
+        """Receive the frames that wait in the socket `opened`, at most BURST, with the times at which they came.
+
+        When the interface fails, the bus is opened again later.
+        """
         now_us, wall_ns = self._now(), time.time_ns()
         for _ in range(BURST):
             try:
@@ -110,7 +113,7 @@ class SocketCan(Bus):
                 return
 
     def send(self, can_id: int, data: bytes) -> bool:
-        """Send a frame, see `Bus.send`."""
+        """Send a frame, see `Bus.send`; after an error other than a full queue the bus is opened again later."""
         if self._socket is None:
             return self._drop()
         try:

@@ -32,7 +32,7 @@ class LockState(IntEnum):
 
 
 def protected(index: int) -> bool:
-    """Return whether an object is a parameter of supervision or communication."""
+    """Return whether an object is a parameter of supervision (1016h, 1017h) or of a PDO (1400h to 1BFFh)."""
     return index in _SUPERVISION or 0x1400 <= index < 0x1C00
 
 
@@ -58,7 +58,10 @@ class Access:
         return LockState.BLOCKED if t_us < self._blocked_us else LockState.LOCKED
 
     def read(self, index: int, sub: int, t_us: int) -> int | None:
-        """Return the value of an object of the lock; None for any other object."""
+        """Return the value of 21A0h:2 (state) or 21A0h:3 (seconds left); None for any other object.
+
+        The seconds are those until the open lock closes by itself, or until codes are accepted again; else 0.
+        """
         if index != PROTECTION or sub not in (LOCK_STATE, SECONDS_LEFT):
             return None
         state = self.state(t_us)
@@ -68,10 +71,10 @@ class Access:
         return max(0, ((until_us or 0) - t_us) // 1_000_000)
 
     def enter(self, code: int, t_us: int) -> None:
-        """Open the lock with a code, or close it with 0.
+        """Open the lock for OPEN_US with a code, or close it with 0.
 
-        Raises SdoAbortedError for a wrong code, without a lock file, and while codes are refused after too many wrong
-        ones.
+        Raises SdoAbortedError for a wrong code, and for every code where the lock has none (no lock file) or during
+        BLOCKED_US after TRIES wrong codes in a row. An open lock stays open meanwhile.
         """
         if code == 0:
             self.close()
@@ -88,13 +91,17 @@ class Access:
         self._report("unlocked")
 
     def close(self) -> None:
-        """Lock again."""
+        """Close the lock; report it if it was open."""
         if self._until_us is not None:
             self._until_us = None
             self._report("locked")
 
     def check(self, index: int, sub: int, value: int, nmt: int, t_us: int) -> None:
-        """Raise SdoAbortedError where a value may not be written now, or never.
+        """Raise SdoAbortedError where a value may not be written to a protected object now, or never.
+
+        Now: the node is not pre-operational and the lock is not open. Never: a heartbeat below SHORTEST_HEARTBEAT_MS,
+        an entry of 1016h with a node number above 127 or reserved bits, an identifier in `taken`. Other objects are not
+        checked. A write that may be done keeps an open lock open for another OPEN_US.
 
         value: the value as an unsigned number
         nmt: NMT state of the node

@@ -90,7 +90,9 @@ class BusHealth:
         self._occurred(COLLISION, t_us, bytes([node_id]))
 
     def update(self, tally: Tally, t_us: int) -> None:
-        """Report faults by the totals that grew, and repair faults that did not occur for CLEAN_US.
+        """Report faults by the totals that grew, and as repaired those that did not occur for CLEAN_US.
+
+        The fault error passive is repaired CLEAN_US after that state has ended.
 
         tally: totals since the start
         t_us: present time [us]

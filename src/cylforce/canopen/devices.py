@@ -45,8 +45,9 @@ def own_node(
 ) -> Node:
     """Return our node. It is operational after `boot()`.
 
-    `Node.publish` sends the encoded estimates. The node monitors the heartbeats of the sensors. Raises ValueError if
-    more sensors have a heartbeat than 1016h has entries.
+    `Node.publish` sends the encoded estimates. The node monitors the heartbeats of the sensors: one counts as silent
+    after CONSUMER_FACTOR periods without a heartbeat. Raises ValueError if more sensors have a heartbeat than 1016h has
+    entries, or if a published object has no name.
 
     service: settings of the service
     verdict: returns the service's decision on the last command, see `Commands`
@@ -116,21 +117,30 @@ class Derived:
         return int.from_bytes(data, "little", signed=field.code.islower())
 
     def _converted(self, field: Field, code: str) -> int:
-        """Return the integer of a field in another type, limited to its range; "no value" stays "no value"."""
+        """Return the published integer of a field in another type, limited to its range; "no value" stays "no value".
+
+        code: struct code of that type, "h" or "i"
+        """
         raw, largest = self._raw(field), (1 << 8 * CODES[code] - 1) - 1
         if raw == not_available(field.code):
             return int(not_available(code))
         return max(-largest, min(largest, raw))
 
     def _tare(self) -> int:
-        """Return gross less net, or "no value"."""
+        """Return gross less net, in the integer steps of both (0.1 kg); "no value" where one of them has none."""
         gross, net = self._fields[GROSS], self._fields[NET]
         if self._raw(gross) == not_available(gross.code) or self._raw(net) == not_available(net.code):
             return int(not_available("i"))
         return self._raw(gross) - self._raw(net)
 
     def _status(self, field: Field) -> int:
-        """Return CiA 404's status byte: bit 0 not valid, bit 1 positive, bit 2 negative overload."""
+        """Return CiA 404's status byte of a channel: bit 0 not valid, bit 1 positive, bit 2 negative overload.
+
+        Not valid: its quality (of a force its own, else the payload's) is INVALID, or it has no value. Overload: the
+        value lies on the upper limit of its range, or on the lower one where that is negative, or beyond.
+
+        field: the published value of the channel
+        """
         quality = self._raw(self._fields[QUALITY.get(str(field.signal), PAYLOAD_QUALITY)])
         raw = self._raw(field)
         if quality & 3 == Status.INVALID or raw == not_available(field.code):

@@ -36,6 +36,8 @@ class Emergencies:
     def occur(self, code: int, bit: int = 0, info: bytes = b"") -> bool:
         """Report an error once until it is repaired; return False if it was present already, or _MOST others are.
 
+        It is entered into 1001h and 1003h, and an EMCY message is sent.
+
         code: error code of CiA 301 or FFxxh
         bit: mask of the bit of 1001h that the error sets, such as 10h (communication); 0: only bit 0, set by every one
         info: up to 5 bytes of information
@@ -49,7 +51,10 @@ class Emergencies:
         return True
 
     def repair(self, code: int) -> bool:
-        """Report that the error with an EMCY code is repaired; return False if it was not present."""
+        """Report that the error with an EMCY code is repaired; return False if it was not present.
+
+        An EMCY message is sent, with code 0 and the register of the errors that remain; 1003h keeps the error.
+        """
         if self.active.pop(code, None) is None:
             return False
         self._mirror()

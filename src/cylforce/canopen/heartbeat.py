@@ -16,7 +16,7 @@ class _Peer:
     """A monitored node.
 
     timeout_us: consumer time [us]
-    state: state byte of its last heartbeat; None: silent
+    state: NMT state in its last heartbeat; None: none was received yet, or it stopped sending
     last_us: time of its last heartbeat [us]
     """
 
@@ -28,8 +28,9 @@ class _Peer:
 class Heartbeats:
     """Monitors other nodes, each from its first message on (CiA 301).
 
-    on_peer: called with node number and NMT state at each boot-up (0) and each change of state (4, 5, 127), and with
-        None when no heartbeat has come for longer than the consumer time
+    on_peer: called with node number and NMT state at each boot-up (0) and each change of state (4, 5, 127), of
+        which the first heartbeat, also after silence, is one; called with None when no heartbeat has come for longer
+        than the consumer time
     silent: numbers of the nodes that were present and stopped sending
     """
 
@@ -39,7 +40,11 @@ class Heartbeats:
         self.silent: set[int] = set()
 
     def watch(self, entries: Iterable[tuple[int, int]]) -> None:
-        """Monitor exactly these nodes: (node number, consumer time [us])."""
+        """Monitor exactly these nodes: (node number, consumer time [us]).
+
+        An entry with a 0 is ignored. A node that was monitored before keeps its state and the time of its last
+        heartbeat.
+        """
         wanted = {node_id: timeout_us for node_id, timeout_us in entries if node_id and timeout_us}
         self._peers = {node_id: self._peers.get(node_id) or _Peer(us) for node_id, us in wanted.items()}
         for node_id, peer in self._peers.items():
@@ -47,7 +52,7 @@ class Heartbeats:
         self.silent &= wanted.keys()
 
     def state(self, node_id: int) -> int | None:
-        """Return the last NMT state of a node; None: silent or not monitored."""
+        """Return the last NMT state of a node; None: no heartbeat yet, silent, or not monitored."""
         peer = self._peers.get(node_id)
         return None if peer is None else peer.state
 

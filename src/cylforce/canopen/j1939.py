@@ -39,7 +39,7 @@ class Claim(NamedTuple):
     """Our claim of an address.
 
     address: our address
-    name: our NAME
+    name: our NAME, a number of 64 bits
     since_us: time at which it was claimed [us]; None: not yet
     lost: whether another node has taken it
     """
@@ -59,7 +59,11 @@ def name_of(identity: int) -> int:
 
 
 def identifier(pgn: int, source: int, destination: int = GLOBAL) -> int:
-    """Return the 29-bit identifier with SocketCAN's flag."""
+    """Return the 29-bit identifier of a message, with SocketCAN's flag.
+
+    source: address of the sender
+    destination: address of the receiver; without effect for PGNs of F000h and more, which are always broadcast
+    """
     peer = destination if pgn >> 8 < 0xF0 else 0
     return EXTENDED | PRIORITY << 26 | pgn << 8 | peer << 8 | source
 
@@ -79,10 +83,10 @@ def vehicle_weight(estimate: Estimate) -> bytes:
 
 
 def error_and_force(estimate: Estimate) -> bytes:
-    """Return the data of PGN 65280.
+    """Return the data (8 bytes) of PGN 65280.
 
-    It contains the standard error of the load [0.1 kg], the soil force's magnitude [10 N] and direction [0.01 deg, from
-    -180], and the qualities of load and force.
+    It contains, in this order, the standard error of the net load [0.1 kg], the soil force's magnitude [10 N] and
+    direction [0.01 deg, from -180], and the quality bytes of net load and magnitude.
     """
     magnitude, direction = estimate.soil.magnitude, estimate.soil.direction
     turned = _digits(direction.value, ANGLE, HALF_TURN)
@@ -91,7 +95,9 @@ def error_and_force(estimate: Estimate) -> bytes:
 
 
 def totals(truck: float, lifetime: float | None) -> tuple[bytes, ...]:
-    """Return the data of PGN 51968, a message for each DDI; a negative total is sent as 0.
+    """Return the data (8 bytes) of PGN 51968, a message for each DDI; a negative total is sent as 0.
+
+    Each total is sent twice, as loaded and as unloaded mass.
 
     truck: mass in the open truck [kg]
     lifetime: mass of all loads ever [kg]; None: unknown, nothing is sent
@@ -138,7 +144,10 @@ class J1939:
         self._send(identifier(CLAIMED, source), self._claim.name.to_bytes(8, "little"))
 
     def on_frame(self, frame: Frame) -> None:
-        """Process a request for our address, or another node's claim of it; ignore any other frame."""
+        """Answer a request for our address, and contend with another node that claims it.
+
+        Any other frame is ignored, and every frame before `claim`.
+        """
         if not frame.can_id & EXTENDED or self._claim.since_us is None:
             return
         pgn, peer, source = frame.can_id >> 8 & 0x3FF00, frame.can_id >> 8 & 0xFF, frame.can_id & 0xFF

@@ -58,7 +58,7 @@ class Network(canopen.Network):
         self._pollers: list[Callable[[int], None]] = []  # called at each poll with its time [us]
 
     def on_frame(self, frame: Frame) -> None:
-        """Pass a frame to its subscribers.
+        """Pass identifier, data and time [s] of a frame to the subscribers of its identifier.
 
         Extended, remote and error frames carry flag bits in their identifier, so they have no subscribers.
         """
@@ -73,7 +73,7 @@ class Network(canopen.Network):
         self.on_frame(Frame(round(timestamp * 1e6), can_id, bytes(data)))
 
     def poll(self, t_us: int) -> None:
-        """Do all that is due at `t_us` [us].
+        """Send the periodic messages that are due at `t_us` [us], then call the functions of `every_poll`.
 
         Pass the deadline of a tick rather than the later time at which it is served.
         """

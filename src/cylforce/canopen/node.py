@@ -144,7 +144,10 @@ class Node(Objects):
         network.every_poll(self._poll)
 
     def boot(self) -> None:
-        """Send the boot-up message, then enter pre-operational or, with `autostart`, operational."""
+        """Send the boot-up message, then enter pre-operational or, with `autostart`, operational.
+
+        From then on the nodes of 1016h are monitored.
+        """
         self.state = 0
         self.nmt.state = "INITIALISING"  # sends the boot-up message
         self.change_state(PRE_OPERATIONAL)
@@ -185,8 +188,12 @@ class Node(Objects):
     def write(self, index: int, sub: int, data: bytes) -> None:
         """Store the bytes that an SDO client has written to an object. Raises SdoAbortedError where it may not.
 
-        Protected objects must pass `Access.check`, PDO parameters `Tpdo.check`. 0 written to 1003h clears the list of
-        errors, which takes no other value.
+        With access control a code for the lock (21A0h:1) goes to `Access.enter` and is not stored, and protected
+        objects must pass `Access.check`. PDO parameters must pass `Tpdo.check`, and no two TPDOs of this node may have
+        the same identifier. 0 written to 1003h clears the list of errors, which takes no other value. `on_written` is
+        called where the bytes have changed.
+
+        data: its bytes, little-endian
         """
         if self._access is not None:
             if (index, sub) == (PROTECTION, CODE):
@@ -217,7 +224,11 @@ class Node(Objects):
             raise SdoAbortedError(NOT_STORED)
 
     def _check_unique(self, index: int, value: int) -> None:
-        """Raise SdoAbortedError if another TPDO of this node has the same identifier."""
+        """Raise SdoAbortedError if another TPDO of this node has the same identifier.
+
+        index: of the communication parameters of the TPDO that is written
+        value: COB-ID to be written
+        """
         others = (0x17FF + number for number in self._tpdos if 0x17FF + number != index)
         if any(self.raw(other, 1) & 0x7FF == value & 0x7FF for other in others):
             raise SdoAbortedError(INCOMPATIBLE)
@@ -227,7 +238,7 @@ class Node(Objects):
         return None if self._access is None else self._access.read(index, subindex, self.t_us)
 
     def store(self, number: int, data: bytes) -> None:
-        """Write the data of TPDO `number` into the objects of its layout."""
+        """Write the data of TPDO `number` into the objects of its layout; nothing is sent."""
         for (index, sub), part in self._fields[number]:
             self.data_store[index][sub] = data[part]
 
@@ -244,7 +255,7 @@ class Node(Objects):
         return self._tpdos[number].send()
 
     def produce_sync(self) -> None:
-        """Send SYNC, if this node is its producer (1005h), and act on it."""
+        """Send SYNC, if this node is its producer (1005h) and not stopped, and the synchronous PDOs after it."""
         if self.answers and self.raw(0x1005, 0) & 1 << 30:
             self.send(SYNC, b"")
             self._on_sync(SYNC, b"", 0.0)
@@ -264,7 +275,10 @@ class Node(Objects):
                 tpdo.poll(t_us)
 
     def _send_emergency(self, data: bytes) -> bool:
-        """Send an emergency message; return False if it must be repeated: in a state without EMCY it must not."""
+        """Send an emergency message; return False if the bus dropped it, so that it must be sent again later.
+
+        In a state without EMCY nothing is sent, nor will be: that returns True.
+        """
         return not self.answers or self.send(EMCY + self.node_id, data)
 
     def _watch(self) -> None:

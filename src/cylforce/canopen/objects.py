@@ -37,7 +37,7 @@ NO_COMMANDS = Commands(frozenset(), _done)
 
 
 class Objects(canopen.LocalNode):
-    """A node whose objects are bytes in `data_store[index][sub]`.
+    """A node whose objects are bytes, little-endian, in `data_store[index][sub]`, at first the default values.
 
     node_id: CANopen node number
     dictionary: description of every object
@@ -81,7 +81,10 @@ class Objects(canopen.LocalNode):
         self.set_data(index, sub, self._find_object(index, sub).encode_raw(value))
 
     def download(self, index: int, sub: int, data: bytes, length: int | None) -> None:
-        """Write an object for an SDO client. Raises SdoAbortedError.
+        """Write an object for an SDO client, or pass on the decision about a command, which stores nothing.
+
+        Raises SdoAbortedError for an object that does not exist or is read-only, data of another length than its type,
+        a value beyond its limits, a command that the service refuses, and what `write` refuses.
 
         data: the bytes of the request
         length: how many of them are data; None: the client did not announce it

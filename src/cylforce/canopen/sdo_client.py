@@ -86,7 +86,12 @@ class Client:
         return f"object {index:04X}h:{sub} of node {self._node_id}"
 
     async def _transfer(self, index: int, sub: int, transfer: Callable[[int, int], Awaitable[_Result]]) -> _Result:
-        """Run a transfer after those of other tasks; convert its errors into sentences."""
+        """Run a transfer after those of other tasks, and return its result.
+
+        Raises AbortedError, or NoAnswerError after the server was sent an abort.
+
+        transfer: function of index and sub-index that may raise SdoAbortedError or TimeoutError
+        """
         async with self._turn:
             try:
                 return await transfer(index, sub)
@@ -97,7 +102,10 @@ class Client:
                 raise NoAnswerError(f"{self._where(index, sub)}: no answer") from None
 
     async def _upload(self, index: int, sub: int) -> bytes:
-        """Read an object, expedited or in segments. Raises SdoAbortedError or TimeoutError."""
+        """Read an object, expedited or in segments; abort a transfer of more than LARGEST bytes.
+
+        Raises SdoAbortedError or TimeoutError.
+        """
         answer = await self._request(_HEAD.pack(0x40, index, sub) + bytes(4), 0x40)
         if answer[0] & 2:
             return answer[4 : 8 - (answer[0] >> 2 & 3) if answer[0] & 1 else 8]
@@ -113,7 +121,10 @@ class Client:
         raise SdoAbortedError(_MEMORY)
 
     async def _download(self, index: int, sub: int, data: bytes) -> None:
-        """Write an object, expedited up to four bytes, else in segments. Raises SdoAbortedError."""
+        """Write an object, expedited for one to four bytes, else in segments.
+
+        Raises SdoAbortedError or TimeoutError.
+        """
         if 0 < len(data) <= 4:
             command = 0x23 | (4 - len(data)) << 2
             await self._request(_HEAD.pack(command, index, sub) + data.ljust(4, b"\0"), 0x60)
@@ -127,15 +138,21 @@ class Client:
             toggle ^= 0x10
 
     def _check_toggle(self, answer: bytes, toggle: int, index: int, sub: int) -> None:
-        """Abort a segmented transfer whose toggle bit (10h of the answer's first byte) is not `toggle`."""
+        """Abort a segmented transfer, and raise SdoAbortedError, where the answer has the wrong toggle bit.
+
+        toggle: the expected bit 10h of the answer's first byte, 10h or 0
+        """
         if answer[0] & 0x10 != toggle:
             self._abort(index, sub, _TOGGLE)
             raise SdoAbortedError(_TOGGLE)
 
     async def _request(self, request: bytes, expected: int) -> bytes:
-        """Return the answer to a request; answers to other requests are ignored. Raises TimeoutError.
+        """Send a request and return the 8 bytes of its answer; answers to other requests are ignored.
 
-        expected: command specifier of the answer
+        Raises TimeoutError after the time limit without an answer, SdoAbortedError when the server aborts.
+
+        request: its 8 bytes
+        expected: command specifier of the answer, bits E0h of its first byte
         """
         while not self._answers.empty():
             self._answers.get_nowait()
@@ -147,7 +164,10 @@ class Client:
         raise TimeoutError
 
     async def _answer(self, request: bytes, expected: int) -> bytes:
-        """Wait for the answer to a request. Raises SdoAbortedError for an abort."""
+        """Wait for the answer to a request and return its 8 bytes. Raises SdoAbortedError when the server aborts.
+
+        An answer about another object, or with another command specifier than `expected`, is ignored.
+        """
         while True:
             answer = await self._answers.get()
             if request[0] & 0xE0 in (0x20, 0x40) and answer[1:4] != request[1:4]:
@@ -158,7 +178,7 @@ class Client:
                 return answer
 
     def _on_answer(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Queue an answer while a transfer runs."""
+        """Queue an answer of 8 bytes; ignore it while no transfer runs, or _WAITING answers wait."""
         if len(data) == 8 and self._turn.locked() and not self._answers.full():
             self._answers.put_nowait(bytes(data))
 

@@ -67,7 +67,10 @@ class SdoServer(server.SdoServer):
         self._last_us = 0  # time of its last request
 
     def on_request(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Answer one request; a stopped node does not answer."""
+        """Answer one request, with an abort where it is refused. A client's abort ends the transfer.
+
+        A node in a state without SDO does not answer, and drops the transfer.
+        """
         if not self._owner.answers or (data and data[0] & 0xE0 == 0x80):
             self._buffer = None  # stopped, or the client has aborted
             return
@@ -94,12 +97,16 @@ class SdoServer(server.SdoServer):
             raise SdoAbortedError(COMMAND)
 
     def init_upload(self, request: bytearray) -> None:
-        """Begin an upload as canopen's server does, and note its direction."""
+        """Begin an upload as canopen's server does, and store its direction."""
         self._download = False
         super().init_upload(request)
 
     def init_download(self, request: bytearray) -> None:
-        """Begin a download; refuse an object that cannot be written before its data arrive."""
+        """Write the object of an expedited download, or begin a segmented one, and send the response.
+
+        Raises SdoAbortedError where the object cannot be written (of a segmented download: before its data arrive), or
+        more than _LARGEST bytes are announced.
+        """
         command = request[0]
         size = int.from_bytes(request[4:8], "little") if command & 1 else None
         if command & 2:
@@ -113,7 +120,11 @@ class SdoServer(server.SdoServer):
         self.send_response(_HEAD.pack(0x60, *self._at) + bytes(4))
 
     def _segment(self, data: bytearray) -> None:
-        """Continue a segmented transfer. Raises SdoAbortedError for a segment that does not belong to it."""
+        """Continue a segmented transfer.
+
+        Raises SdoAbortedError for a segment that belongs to no transfer, comes more than _PATIENCE_US after the last
+        one, or has the wrong toggle bit; also as `_append` does.
+        """
         download = data[0] & 0xE0 == 0x00
         if self._buffer is None or download != self._download:
             raise SdoAbortedError(COMMAND)
@@ -129,9 +140,10 @@ class SdoServer(server.SdoServer):
             self._buffer = self._buffer or None
 
     def _append(self, buffer: bytearray, request: bytearray) -> None:
-        """Append one segment of a download; after the last one write the whole to the object.
+        """Append one segment of a download to `buffer`, and send the response; after the last one write the object.
 
-        Raises SdoAbortedError when it has another length than announced, or more than _LARGEST bytes.
+        Raises SdoAbortedError when the whole has another length than announced, or unannounced more than _LARGEST
+        bytes, and where the object cannot be written.
         """
         buffer += request[1 : 8 - (request[0] >> 1 & 7)]
         if len(buffer) > (_LARGEST if self._size is None else self._size):

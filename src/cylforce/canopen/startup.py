@@ -70,7 +70,7 @@ class Commissioner:
         self._network, self._state_of, self._report = network, state_of, report
         self._tasks: dict[int, asyncio.Task[None]] = {}
         self._outcomes: dict[int, Outcome] = {}
-        self._lost: set[int] = set()
+        self._lost: set[int] = set()  # numbers of the nodes that stopped sending and have not come back
 
     def start(self) -> None:
         """Begin to configure all nodes."""
@@ -78,7 +78,10 @@ class Commissioner:
             self.begin(node_id)
 
     def begin(self, node_id: int) -> None:
-        """Configure a node that has booted, again if need be. A node that is not in the machine file is ignored."""
+        """Begin to configure a node, from the start if its configuration is running already.
+
+        A node that is not in the machine file is ignored.
+        """
         node = self._nodes.get(node_id)
         if node is None:
             return
@@ -90,8 +93,8 @@ class Commissioner:
     def on_peer(self, node_id: int, state: int | None) -> None:
         """Configure a node again that has booted, or whose boot-up message may have been missed.
 
-        The message may have been missed if the node was silent, or fell back to pre-operational without having been
-        refused. `Heartbeats` calls this.
+        The message may have been missed if the node was silent, or is pre-operational or stopped although it is not
+        being configured and was not refused. `Heartbeats` calls this.
 
         state: NMT state of the node; None: it stopped sending
         """
@@ -114,7 +117,10 @@ class Commissioner:
         self._tasks.clear()
 
     async def _until_done(self, node: SensorNode) -> None:
-        """Repeat the configuration, with growing delays, until the node is operational or refused."""
+        """Repeat the configuration, with growing delays, until the node is operational or refused.
+
+        An outcome that differs from the one before is reported.
+        """
         delay_s = FIRST_DELAY_S
         while True:
             outcome = await self._attempt(node)
@@ -127,7 +133,11 @@ class Commissioner:
             delay_s = min(2.0 * delay_s, LAST_DELAY_S)
 
     async def _attempt(self, node: SensorNode) -> Outcome:
-        """Configure and start a node once."""
+        """Configure and start a node once, and return the outcome.
+
+        Another device than the one described is commanded pre-operational; so is a stopped node, which does not answer
+        over SDO, for the next attempt.
+        """
         client = Client(self._network, node.node_id, TIMEOUT_S)
         try:
             await commission(node, client)
@@ -149,8 +159,10 @@ class Commissioner:
         self._network.send(0, bytes([command, node.node_id]))
 
     async def _started(self, node: SensorNode) -> Outcome:
-        """Send NMT start until the node's heartbeat shows operational; a node without heartbeat is assumed to have
-        started.
+        """Send NMT start until the node's heartbeat shows operational; return the outcome.
+
+        After STARTS commands, each followed by 2.5 heartbeat periods of waiting, the outcome is FAILED. A node without
+        heartbeat is assumed to have started.
         """
         for _ in range(STARTS):
             self._command(_START, node)
@@ -182,7 +194,7 @@ async def commission(node: SensorNode, client: Client) -> None:
 
 
 async def _check_identity(node: SensorNode, client: Client) -> None:
-    """Raise ForeignNodeError if a number of 1018h differs from the machine file's."""
+    """Raise ForeignNodeError if a number of 1018h differs from the machine file's; None there is not checked."""
     for sub, (name, wanted) in enumerate(zip(_IDENTITY, node.identity, strict=True), 1):
         if wanted is None:
             continue
@@ -195,7 +207,7 @@ async def _check_identity(node: SensorNode, client: Client) -> None:
 
 
 async def _write_if_different(client: Client, index: int, sub: int, code: str, value: int) -> bool:
-    """Write a value unless the node has it already; return whether it was written."""
+    """Write an integer of a struct code unless the node has it already; return whether it was written."""
     if await client.read(index, sub, code) == value:
         return False
     await client.write(index, sub, code, value)
@@ -203,7 +215,10 @@ async def _write_if_different(client: Client, index: int, sub: int, code: str, v
 
 
 async def _configure_pdo(node: SensorNode, pdo: Pdo, client: Client) -> None:
-    """Write identifier, mapping and trigger of a TPDO where they differ: disable, write, enable (CiA 301)."""
+    """Write identifier, mapping and trigger of a TPDO where they differ: disable, write, enable (CiA 301).
+
+    Raises ForeignNodeError if the mapping differs and cannot be written.
+    """
     index = 0x17FF + pdo.number
     cob_id = await client.read(index, 1, "I")
     mapped = await _mapping(pdo, client)
@@ -225,14 +240,17 @@ async def _configure_pdo(node: SensorNode, pdo: Pdo, client: Client) -> None:
 
 
 async def _mapping(pdo: Pdo, client: Client) -> list[int]:
-    """Return the mapping entries of a TPDO, as in 1A00h."""
+    """Read the mapping entries of a TPDO from the node: index, sub-index and length [bits] in one number (1A00h)."""
     index = 0x19FF + pdo.number
     count = await client.read(index, 0, "B")
     return [await client.read(index, sub, "I") for sub in range(1, min(count, 64) + 1)]
 
 
 async def _map(pdo: Pdo, wanted: list[int], client: Client) -> None:
-    """Write the mapping entries of a disabled TPDO, and check them."""
+    """Write the mapping entries of a disabled TPDO. Raises SdoError if they read back otherwise.
+
+    wanted: the entries, as in 1A00h
+    """
     index = 0x19FF + pdo.number
     await client.write(index, 0, "B", 0)
     for sub, entry in enumerate(wanted, 1):
@@ -243,7 +261,10 @@ async def _map(pdo: Pdo, wanted: list[int], client: Client) -> None:
 
 
 async def _trigger(pdo: Pdo, client: Client) -> list[tuple[tuple[int, int], str, int]]:
-    """Return the parameters to write, (address, struct code, value), for the PDO to be sent at the wanted times."""
+    """Return the parameters that differ from the wanted trigger: transmission type, event timer [ms].
+
+    Each is (address, struct code, value to write); the address is (index, sub-index).
+    """
     index = 0x17FF + pdo.number
     kind = await client.read(index, 2, "B")
     if pdo.synchronous:
@@ -259,7 +280,10 @@ async def _trigger(pdo: Pdo, client: Client) -> list[tuple[tuple[int, int], str,
 
 
 async def _event_timer(index: int, client: Client) -> tuple[tuple[int, int], int]:
-    """Return the address of a TPDO's event timer in this node, and its value [ms]."""
+    """Return the address (index, sub-index) of a TPDO's event timer in this node, and its value [ms].
+
+    index: of the TPDO's communication parameters
+    """
     try:
         return (index, 5), await client.read(index, 5, "H")
     except AbortedError as error:

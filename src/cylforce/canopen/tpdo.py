@@ -54,13 +54,13 @@ class Tpdo:
     def __init__(self, node: PdoOwner, number: int) -> None:
         self._node = node
         self._communication, self._mapping = 0x17FF + number, 0x19FF + number
-        self._syncs = 0  # SYNCs since it was sent
+        self._syncs = 0  # SYNCs since the last one after which it was sent
         self._sent: bytes | None = None  # data that were sent last
         self._due_us: int | None = None  # time at which the event timer sends it; None: stopped
         self.reload()
 
     def reload(self) -> None:
-        """Read the parameters from the object dictionary again."""
+        """Read the parameters from the object dictionary again; the event timer begins anew."""
         raw, index = self._node.raw, self._communication
         self._cob_id, self._type = raw(index, 1), raw(index, 2)
         self._event_us = 1000 * raw(index, 5)
@@ -86,7 +86,10 @@ class Tpdo:
         return self._node.send(self._cob_id & 0x7FF, self._sent)
 
     def on_sync(self) -> None:
-        """Send after a SYNC, by the transmission type: n: after every n-th SYNC, 0: if the data have changed."""
+        """Send after a SYNC, by the transmission type: n: after every n-th SYNC, 0: if the data have changed.
+
+        Changed data differ from those sent last. An event-driven PDO is not sent.
+        """
         if self.event_driven:
             return
         self._syncs += 1
@@ -95,7 +98,10 @@ class Tpdo:
             self.send()
 
     def poll(self, t_us: int) -> None:
-        """Send when the event timer has expired at the time `t_us` [us]; missed periods are skipped."""
+        """Send an event-driven PDO when its event timer has expired at the time `t_us` [us].
+
+        Missed periods are skipped. The timer begins with the first poll in which the node is operational.
+        """
         if not self._event_us or not self.event_driven or not self._node.operational:
             self._due_us = None
         elif self._due_us is None:

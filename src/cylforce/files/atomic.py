@@ -37,7 +37,10 @@ def is_large(path: Path) -> bool:
 
 
 def lines_of(path: Path, file: TextIO) -> Iterator[str]:
-    """Yield the lines of a text recording. Raises RecordingError for a line that is too long."""
+    """Yield the lines of a text recording, with their line ends. Raises RecordingError for a line that is too long.
+
+    path: name of the recording in an error
+    """
     for number in count(1):
         text = file.readline(LONGEST + 1)
         if len(text) > LONGEST:
@@ -48,8 +51,11 @@ def lines_of(path: Path, file: TextIO) -> Iterator[str]:
 
 
 def blocks_of(path: Path, file: TextIO) -> Iterator[str]:
-    """Yield whole lines of a text recording, some thousand at once. Raises RecordingError for a line that is too
-    long.
+    """Yield whole lines of a text recording, some thousand in one text; only the last may lack its line end.
+
+    Raises RecordingError for a line that is too long.
+
+    path: name of the recording in an error
     """
     rest, number = "", 1
     while text := file.read(BLOCK):
@@ -80,7 +86,8 @@ def check_outputs(
 
     outputs: files to write; None: not written
     inputs: files that the command reads
-    suffixes: one for each output: an existing file with another ending is not replaced, as it may be a recording
+    suffixes: one for each output: an existing file with another ending is not replaced, as it may be a recording; "":
+        any may be replaced
     """
     taken = {path.resolve() for path in inputs if path is not None}
     for path, suffix in zip(outputs, suffixes or [""] * len(outputs), strict=True):
@@ -95,7 +102,7 @@ def check_outputs(
 
 
 def _check_place(path: Path) -> None:
-    """Raise RecordingError where no file can be written."""
+    """Raise RecordingError where no file of this path can be written; a temporary file is written and removed."""
     if path.is_dir() or not path.parent.is_dir():
         raise RecordingError(f"{path}: cannot be written: choose a file in a folder that exists and is yours")
     if is_stream(path):
@@ -118,6 +125,8 @@ def _temporary(path: Path) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file that replaces `path` once it is complete: readers see the old or the new
     file.
+
+    If the caller fails meanwhile, the old file stays. Raises RecordingError in place of OSError.
     """
     temporary = _temporary(path)
     try:

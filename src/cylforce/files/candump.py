@@ -61,15 +61,20 @@ class Line(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def _prefix(channel: str, can_id: int) -> str:
-    """Return the text of a line between time and data, which all lines of an identifier have in common."""
+    """Return the text of a line between time and data, which all lines of an identifier have in common.
+
+    channel: name of the bus, or a pseudo-channel
+    can_id: identifier with SocketCAN's flag bits
+    """
     name = f"{can_id:03X}" if can_id <= 0x7FF else _flagged(can_id)
     return f") {channel} {name}#"
 
 
 def _flagged(can_id: int) -> str:
-    """Return an identifier of more than 11 bits as text.
+    """Return an identifier with a flag bit, or of more than 11 bits, as text.
 
-    Extended identifiers have eight digits; so have error frames, which begin with the digit 2.
+    Extended identifiers have eight digits; so have error frames, which begin with the digit 2. Remote frames with 11
+    bits have three.
     """
     if can_id & ERROR:
         return f"{can_id & (_ID_BITS | ERROR):08X}"
@@ -88,6 +93,8 @@ def event_lines(events: Iterable[Event | Sent], channel: str) -> str:
     """Return the lines of several events, one after the other.
 
     Of a remote frame only the length is written: it has no data.
+
+    channel: name of the bus, for received frames; ticks and sent frames get their pseudo-channels
     """
     lines = list[str]()
     for event in events:
@@ -115,8 +122,8 @@ def parsed(text: str) -> Line | None:
 def parts(text: str) -> Parts | None:
     """Parse a line as `parsed`, into a plain tuple of a `Line`'s fields, which takes two thirds of the time.
 
-    Fractions of other lengths than six digits are cut or filled to microseconds. The R or T that python-can adds is
-    ignored.
+    None when it is not such a line. Fractions of other lengths than six digits are cut or filled to microseconds. The R
+    or T that python-can adds is ignored.
     """
     match = _LINE.fullmatch(text)
     if match is None:
@@ -160,7 +167,7 @@ def own_events(lines: Iterable[Parts]) -> Iterator[Event | Sent]:
 
 
 def own_event(line: Parts) -> Event | Sent:
-    """Return the event, or the sent frame, that one line of our own log represents."""
+    """Return the event, or the sent frame, that one line of our own log, behind its header, represents."""
     channel, t_us, can_id, data = line
     if channel == TICK:
         return Tick(t_us)

@@ -22,8 +22,8 @@ class Cells(NamedTuple):
     """Numbers as in the file, with their places.
 
     numbers: (T, columns) values of the cells; NaN: empty
-    place: "line" or "row"
-    at: (T,) its number
+    place: word for a place in the file: "line" (of a CSV) or "row" (of Parquet)
+    at: (T,) number of each row's line or row, from 1
     """
 
     numbers: Array
@@ -32,7 +32,10 @@ class Cells(NamedTuple):
 
 
 def _positions(path: Path, present: Sequence[str], wanted: Sequence[str]) -> list[int]:
-    """Return the numbers of the wanted columns among those present. Raises RecordingError."""
+    """Return the positions, from 0, of the wanted columns among those present.
+
+    Raises RecordingError where one is missing or there are several of its name.
+    """
     missing = [name for name in dict.fromkeys(wanted) if name not in present]
     if missing:
         all_present = ", ".join(present) or "none at all"
@@ -44,7 +47,10 @@ def _positions(path: Path, present: Sequence[str], wanted: Sequence[str]) -> lis
 
 
 def read_csv(path: Path, names: list[str]) -> Iterator[Cells]:
-    """Yield the named columns of a CSV file, piece by piece; an empty cell is NaN."""
+    """Yield the named columns of a CSV file, in the order of `names`, in pieces of ROWS rows.
+
+    An empty cell is NaN. The last piece may be empty. Raises RecordingError where the file is not such a table.
+    """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             yield from _parse_csv(path, file, names)
@@ -55,7 +61,10 @@ def read_csv(path: Path, names: list[str]) -> Iterator[Cells]:
 
 
 def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
-    """Yield the named columns of an open CSV file; an empty cell is NaN."""
+    """Yield the named columns of an open CSV file, see `read_csv`.
+
+    The delimiter is the first of comma, semicolon and tab that the header contains. Blank lines are skipped.
+    """
     lines_read = lines_of(path, file)
     head = next(lines_read, "")
     delimiter = next((mark for mark in ",;\t" if mark in head), ",")
@@ -76,7 +85,10 @@ def _parse_csv(path: Path, file: TextIO, names: list[str]) -> Iterator[Cells]:
 
 
 def _csv_rows(path: Path, lines: Iterator[str], delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:
-    """Yield every row with the number of its line; `before`: number of lines before the first one."""
+    """Yield every row with the number of its (last) line; `before`: number of lines before the first one.
+
+    Raises RecordingError where the text is not CSV.
+    """
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     try:
         for row in reader:
@@ -120,7 +132,11 @@ def pyarrow(path: Path) -> ModuleType:
 
 
 def read_parquet(path: Path, names: list[str]) -> Iterator[Cells]:
-    """Yield the named columns of a Parquet file, piece by piece; a null is NaN."""
+    """Yield the named columns of a Parquet file, in the order of `names`, in pieces of ROWS rows at most.
+
+    A null is NaN. Raises RecordingError where the file is not such a table, a column does not hold numbers, or pyarrow
+    is missing.
+    """
     arrow, first = pyarrow(path), 1
     try:
         # without read-ahead, which would load the whole file

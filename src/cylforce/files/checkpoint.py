@@ -24,9 +24,10 @@ class PackedArray(BaseModel):
 
     dtype: type of its elements in numpy's notation, or BYTES
     shape: its shape
-    by_columns: order of its elements in memory, because linear algebra may round differently in the other order
+    by_columns: whether its elements lie in memory column by column, not row by row; it is kept because linear algebra
+        may round differently in the other order
     data: its bytes in base 64
-    plain: whether it is Python's own array of numbers, not numpy's
+    plain: whether it is an `array.array` of Python, not an array of numpy
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -154,7 +154,7 @@ class LogWriter:
         self._path, self._channel, self._report = path, channel if writable else "can0", report
         self.header, self._rotation = header, rotation
         self._backlog_bytes, self._close_s = backlog_bytes, close_s
-        self._room = rotation.size if rotation else 0
+        self._room = rotation.size if rotation else 0  # bytes until the file is full; used with a rotation only
         self.failure: str | None = None
         self._logged = self._passed = 0  # counted by the loop: events logged, bytes passed to the thread
         self._written = self._done = 0  # counted by the thread: events written, bytes processed
@@ -171,7 +171,10 @@ class LogWriter:
             self._fail(self._error)
 
     def _first(self) -> tuple[FileIO | None, OSError | None]:
-        """Open the first file; return the file or, with a rotation, the error."""
+        """Open the first file; return the file or, with a rotation, the error.
+
+        Without a rotation an error is raised as RecordingError.
+        """
         try:
             return opened(self._path, self._rotation), None
         except OSError as error:
@@ -181,7 +184,7 @@ class LogWriter:
 
     @property
     def lost(self) -> int:
-        """Return the number of events that did not reach a file; known once logging has failed or ended."""
+        """Return the number of events since the start that did not reach a file; 0 while logging works."""
         return self._logged - self._written if self.failure else 0
 
     @property
@@ -212,7 +215,7 @@ class LogWriter:
         return self._room <= 0 or self._lost_name
 
     def begin_file(self, header: Callable[[], Header], t_us: int) -> None:
-        """Begin a new file; the events logged so far stay in the old one.
+        """Begin a new file; the events logged so far stay in the old one. Without a rotation nothing happens.
 
         header: returns the header, called on the writing thread
         t_us: time at which it begins [us]
@@ -226,7 +229,11 @@ class LogWriter:
         self._blocks.put(_NewFile(header, t_us, again))
 
     def flush(self) -> None:
-        """Pass the events logged so far to the writing thread, as lines."""
+        """Pass the events logged so far to the writing thread, as lines.
+
+        A failure of that thread, or a backlog above the limit, is reported once and stops logging: the events are then
+        dropped. When logging continues in a new file, that is reported.
+        """
         block, events = event_lines(self._events, self._channel).encode("ascii"), len(self._events)
         self._events.clear()
         if self._resumed:
@@ -240,13 +247,13 @@ class LogWriter:
             self._fail(self._error)
 
     def _pass(self, block: bytes, events: int) -> None:
-        """Pass a block of lines to the writing thread."""
+        """Pass a block of lines to the writing thread; `events`: number of events in it."""
         self._passed += len(block)
         self._room -= len(block)
         self._blocks.put((block, events))
 
     def _fail(self, error: OSError) -> None:
-        """Note a failure, and report it once."""
+        """Stop logging because of an error, and report it once until logging works again."""
         if self.failure is not None:
             return
         again = "" if self._rotation is None else f", and is tried again every {RETRY_US // 1_000_000} s"
@@ -257,7 +264,7 @@ class LogWriter:
             self._report(self.failure)
 
     def close(self) -> None:
-        """Write the remaining events, and wait for it a few seconds."""
+        """Write the remaining events, and wait for that at most `close_s`; a longer wait is reported as a failure."""
         self.flush()
         self._blocks.put(None)
         self._thread.join(self._close_s)
@@ -280,7 +287,10 @@ class LogWriter:
             self._file.close()
 
     def _begin(self, new_file: _NewFile) -> None:
-        """Close the file and begin a new one, in the writing thread."""
+        """Close the file and begin a new one with its header, in the writing thread.
+
+        After a failure this requires room on the disk. An error is stored; a file without its whole header is deleted.
+        """
         try:
             self._close_file()
             if new_file.again and self._rotation is not None:

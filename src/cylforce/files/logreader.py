@@ -101,7 +101,12 @@ def _lines(path: Path, report: Report) -> Iterator[Line]:
 
 
 def _one_channel(path: Path, lines: Iterator[Line], channel: str | None) -> Iterator[Line]:
-    """Yield the lines of one bus: two buses must not be merged into one. Raises RecordingError."""
+    """Yield the lines of one bus: two buses must not be merged into one.
+
+    Raises RecordingError where there is no such line, or several buses and none is chosen.
+
+    channel: name of the bus; None: the only one
+    """
     chosen, present = channel, set()
     for line in lines:
         present.add(line.channel)
@@ -117,7 +122,13 @@ def _one_channel(path: Path, lines: Iterator[Line], channel: str | None) -> Iter
 
 
 def _candump(path: Path, report: Report, *, ours: bool) -> Iterator[Parts]:
-    """Yield the lines of candump text; `ours`: of our own log, whose last line may be cut off."""
+    """Yield the lines of candump text as fields of `Line`, the header of our own log included.
+
+    Comments and empty lines are skipped. CAN FD and XL frames, and a last line that is cut off, are omitted and
+    reported. Raises RecordingError for any other line that is no frame.
+
+    ours: whether it is our own log: a last line without a line end is then cut off even if it can be parsed
+    """
     skipped = number = 0
     try:
         with path.open(encoding="latin-1", newline="\n") as file:

@@ -66,8 +66,9 @@ def _whole_objects(data: bytes) -> int:
 def messages(path: Path, report: Report) -> Iterator[Line]:
     """Yield the classic frames of a recording.
 
-    Channels are numbers from 0, times of .asc files begin near 0. Raises RecordingError when the file cannot be read.
-    An unfinished end of a file, after a program was killed, is omitted with a warning instead.
+    A path that does not end in .asc is read as .blf. Channels are numbers from 0, times of .asc files begin near 0.
+    Raises RecordingError when the file cannot be read. An unfinished end of a file, after a program was killed, is
+    omitted with a warning instead.
 
     report: called with a sentence about omitted frames
     """
@@ -85,7 +86,7 @@ def messages(path: Path, report: Report) -> Iterator[Line]:
 
 
 def _line(message: Message) -> Line:
-    """Return python-can's message as a line."""
+    """Return python-can's message as a line. A remote frame gets as many zero bytes as its length."""
     flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
     can_id = message.arbitration_id | (ERROR if message.is_error_frame else flags)
     data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
@@ -93,7 +94,10 @@ def _line(message: Message) -> Line:
 
 
 def _blf(path: Path, file: BinaryIO, report: Report) -> Iterator[Message]:
-    """Yield the messages of a .blf file; report frames that are missing."""
+    """Yield the messages of a .blf file; report that frames are missing at its end, or by the count in its header.
+
+    Raises RecordingError where it is broken before its end, or has no frame that can be read.
+    """
     number = objects = expected = 0
     try:
         reader = _CountedObjects(file)
@@ -117,7 +121,7 @@ def _blf(path: Path, file: BinaryIO, report: Report) -> Iterator[Message]:
 
 
 def _asc(path: Path, file: BinaryIO) -> Iterator[Message]:
-    """Yield the messages of an .asc file."""
+    """Yield the messages of an .asc file. Raises RecordingError for relative times, or a line that is no frame."""
     text = _CountedLines(file, encoding="latin-1")
     try:
         reader = ASCReader(text)

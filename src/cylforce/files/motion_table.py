@@ -32,7 +32,7 @@ class MotionTable:
     angles:   (T, N) joint angles [rad]
     slew:     (T,) angle of the house [rad]
     lines:    (T,) line of each row in its file; empty if it was not read
-    comments: words about the motion
+    comments: lines of text about the motion, without the `#`
     """
 
     t_s: Array
@@ -43,7 +43,10 @@ class MotionTable:
 
 
 def write_motion(path: Path, table: MotionTable, joints: Sequence[str]) -> None:
-    """Write a motion; `joints`: names of the joints (N,)."""
+    """Write a motion, times to 1 ms, angles to 1e-6 rad. Raises RecordingError when the disk refuses.
+
+    joints: (N,) names of the joints
+    """
     header = [TIME, *(f"{name}{SUFFIX}" for name in joints), f"{SLEW}{SUFFIX}"]
     rows = np.column_stack([table.t_s, table.angles, table.slew])
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
@@ -53,7 +56,12 @@ def write_motion(path: Path, table: MotionTable, joints: Sequence[str]) -> None:
 
 
 def read_motion(path: Path, joints: Sequence[str]) -> MotionTable:
-    """Read a motion of a machine with joints of these names. Raises RecordingError with file, line and cure."""
+    """Read a motion of a machine with joints of these names. Raises RecordingError with file, line and cure.
+
+    The first column is used as the time, which the result counts from 0; the other columns may be in any order.
+
+    joints: (N,) names of the joints
+    """
     header, rows, lines, comments = None, list[list[float]](), list[int](), list[str]()
     for number, line in enumerate(read_text(path, EXAMPLE).splitlines(), 1):
         text = line.strip()
@@ -79,7 +87,14 @@ def read_motion(path: Path, joints: Sequence[str]) -> MotionTable:
 
 
 def _columns(path: Path, line: int, text: str, joints: Sequence[str]) -> list[str]:
-    """Return the names of the columns."""
+    """Return the names of the columns in a header.
+
+    Raises RecordingError for a column that is unknown or there twice, or where the time or a joint is missing.
+
+    line: number of the header's line
+    text: the line
+    joints: (N,) names of the joints
+    """
     found = [cell.strip() for cell in text.split(",")]
     wanted = [TIME, *(f"{name}{SUFFIX}" for name in joints)]
     known = ", ".join([*wanted, f"{SLEW}{SUFFIX}"])

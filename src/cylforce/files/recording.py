@@ -83,7 +83,9 @@ def open_pieces(
 
 
 def rows_a_second(path: Path, service: Service, mapping: TableMap | None = None) -> float:
-    """Return the rows a second of a table, by its first piece; for a log of a bus the service's rate. Raises
+    """Return the rows a second of a table, by the median time step of its first piece.
+
+    For a log of a bus, a path that does not exist, or a piece of one row it is the service's rate. Raises
     RecordingError.
     """
     if path.suffix.lower() not in tables.SUFFIXES or not path.exists():

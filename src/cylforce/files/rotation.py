@@ -14,7 +14,7 @@ class Rotation(NamedTuple):
     """A log of limited size.
 
     size: bytes after which a new file begins
-    keep: older files that are kept; FILE.NUMBER.log, the lowest number is the oldest
+    keep: number of older files that are kept; NAME.NUMBER.log, the lowest number is the oldest
     """
 
     size: int
@@ -22,10 +22,11 @@ class Rotation(NamedTuple):
 
 
 def opened(path: Path, rotation: Rotation | None) -> FileIO:
-    """Return a new, empty file of this name, open for writing.
+    """Return a new, empty file of this name, open for writing. Raises OSError.
 
-    An earlier log of this name is kept as NAME.NUMBER.log, because the log before a crash is the one of interest. With
-    a rotation only `keep` earlier logs are kept: the oldest ones are deleted.
+    An earlier log of this name, unless it is empty, is kept as NAME.NUMBER.log with the next number, because the log
+    before a crash is the one of interest. With a rotation only `keep` earlier logs are kept: the oldest ones are
+    deleted.
     """
     earlier = earlier_files(path)
     if path.is_file() and path.stat().st_size:

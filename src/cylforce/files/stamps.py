@@ -16,8 +16,10 @@ def without_strays(frames: Iterable[Stamped], period_us: int, name: str, report:
     """Yield the frames without strays, and report how many were omitted.
 
     A stray is stamped more than `period_us` from the frame before it and from the frame after it, which is nearer to
-    the frame before. A smaller error moves a frame by less than a sample. Where an identifier repeats before the frames
-    continue at the old time, they are no strays: the clock was set, or the bus was silent.
+    the frame before. Several strays may follow each other. A smaller error moves a frame by less than a sample. Where
+    an identifier repeats before the frames continue at the old time, they are no strays: the clock was set, or the bus
+    was silent. At the recording's end such frames are strays only if they are stamped earlier than the frame before
+    them.
 
     period_us: period of the service's steps [us]
     name: name of the recording in a report
@@ -54,10 +56,10 @@ class _Strays:
 
     def __init__(self, name: str, report: Report) -> None:
         self._name, self._report, self._count = name, report, 0
-        self._first_us = self._ahead_us = 0
+        self._first_us = self._ahead_us = 0  # of the first one: its stamp, and that less the stamp before it [us]
 
     def add(self, frames: Sequence[Frame | Sent], newest_us: int) -> None:
-        """Count frames that follow a frame stamped `newest_us`."""
+        """Count frames that were omitted; `newest_us`: latest stamp before them [us]."""
         if not self._count:
             self._first_us, self._ahead_us = frames[0].t_us, frames[0].t_us - newest_us
         self._count += len(frames)
@@ -94,6 +96,6 @@ class Cuts:
             )
 
     def report(self) -> None:
-        """Report the number of all, at the recording's end."""
+        """Report the number of all, at the recording's end, if there are more than NAMED."""
         if self.count > NAMED:
             self._report(f"{self._name}: the clock of the recording was set {self.count} times: it is cut at each")

@@ -108,7 +108,7 @@ def table_pieces(
 
 
 def _columns(signals: Sequence[str], mapping: TableMap | None) -> list[ColumnMap]:
-    """Return the column of each signal."""
+    """Return the column of each signal: that of the mapping, else the column of its own name, in SI units."""
     named = {column.signal: column for column in mapping.columns} if mapping else {}
     return [named.get(signal, ColumnMap(signal, signal, 1.0, 0.0)) for signal in signals]
 

@@ -8,10 +8,11 @@ from cylforce.files.atomic import LARGEST, RecordingError, is_large, is_stream
 def read_text(path: Path, cure: str, error: type[Exception] = RecordingError) -> str:
     """Return the text of a file in UTF-8, without a byte order mark.
 
-    A pipe, whose reading may never end, and a file larger than any settings are refused.
-    cure:  cure in the error's text
+    Raises `error` where it cannot be read or is not UTF-8, and for a pipe, whose reading may never end, or a file
+    larger than any settings.
+
+    cure:  what to do, for the error's text
     error: class of the error, whose text names the file and the cure
-    Raises error.
     """
     if is_stream(path):
         raise error(f"{path}: is no ordinary file but a pipe or a device: {cure}")

@@ -37,7 +37,14 @@ class TruthTable(NamedTuple):
 
 
 def describe_truth(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
-    """Return the simulated machine's true base parameters, friction, slope and effects, by the parameters' names."""
+    """Return the truth about a simulated machine, for the header of its truth file [SI].
+
+    parameters: of each link J [kg m^2], X, Z [kg m], D_excess, E [kg m^2], as LINK.SYMBOL; the friction of each
+        cylinder, as CYLINDER.NAME
+    masses: of each link, by its name [kg]
+    pitch, roll: of the ground [rad]
+    effects: further effects: name, location, sizes [SI]
+    """
     base, slew = base_parameters(truth.links).reshape(-1, 3), slew_parameters(truth.links)
     parameters: dict[str, JsonValue] = {}
     for link, row in zip(truth.links, np.concatenate([base, slew], axis=1).tolist(), strict=True):
@@ -63,9 +70,10 @@ def describe_truth(machine: Machine, truth: Truth) -> dict[str, JsonValue]:
 def truth_columns(machine: Machine, record: Record) -> tuple[tuple[str, ...], Array]:
     """Return names and values (T, K) of the columns of a truth file [SI].
 
-    They are motion time `t_s`, `cycle` (the scene's number), `phase` (see `Phase`), load `mass` and `centre_x`,
-    `centre_z` in the last link's frame, the soil's force and the teeth's place (x forward, z up, true vertical; place
-    from the first pin), `pitch`, `roll`, `slew`, joint angles, cylinder forces and the friction within them.
+    They are `t_s`, the time from the start of the run, `cycle` (the scene's number), `phase` (see `Phase`), load `mass`
+    and `centre_x`, `centre_z` in the last link's frame, the soil's force and the teeth's place (x forward, z up, true
+    vertical; place from the first pin), `pitch`, `roll`, `slew`, joint angles, cylinder forces and the friction within
+    them.
     """
     p = record.physics
     house = [np.broadcast_to(x, p.t.shape) for x in (p.attitude.pitch, p.attitude.roll, p.course.slew)]
@@ -82,7 +90,7 @@ class TruthWriter:
 
     path: the file
     header: its JSON
-    names: names of the columns
+    names: (K,) names of the columns behind the time
     """
 
     def __init__(self, path: Path, header: dict[str, JsonValue], names: Iterable[str]) -> None:
@@ -95,7 +103,7 @@ class TruthWriter:
         self._file.write(f"# {json.dumps(header)}\n{','.join((TIME, *names))}\n")
 
     def write(self, t_us: Iterable[int], rows: Array) -> None:
-        """Write rows (T, K) at the times (T,) [us]."""
+        """Write rows (T, K) [SI] at the times (T,) [us], with nine significant digits."""
         lines = (f"{t},{','.join(f'{x:.9g}' for x in row)}\n" for t, row in zip(t_us, rows.tolist(), strict=True))
         self._file.writelines(lines)
 

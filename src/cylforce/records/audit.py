@@ -45,10 +45,11 @@ BEGIN = "0" * 64  # the digest before the first entry
 
 
 def digest(before: str, number: int, audit: Audit) -> str:
-    """Return the next hash of the chain.
+    """Return the next hash of the chain: SHA-256, in hex, of the digest before, number, time, who and what.
 
-    before: digest of the entry before
+    before: digest of the entry before; BEGIN before the first one
     number: number of the entry
+    audit: content of the entry
     """
     text = json.dumps([before, number, audit.t_us, audit.who, audit.what], separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -83,7 +84,10 @@ def last_number(connection: sqlite3.Connection) -> int:
 
 
 def first_broken(connection: sqlite3.Connection) -> int | None:
-    """Return the number of the first entry that does not follow from those before it; None: the chain is whole."""
+    """Return the number of the first entry that is missing or does not follow from those before it.
+
+    None: the chain is whole. Entries missing at its end are not detected.
+    """
     before, expected = BEGIN, 1
     for entry in entries(connection):
         audit = Audit(t_us=entry.t_us, who=entry.who, what=entry.what)

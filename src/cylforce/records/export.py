@@ -47,15 +47,20 @@ def iso(t_us: int) -> str:
 
 
 def row_of(booking: sqlite3.Row) -> dict[str, Any]:
-    """Return a booking with the names of the export's columns."""
+    """Return a booking with the names of the export's columns, its time as text in UTC.
+
+    booking: row of `queries.bookings`
+    """
     row = {name: booking[column] for name, column in COLUMNS.items()}
     return row | {"time": iso(booking["t_us"]), "accepted": bool(booking["accepted"]), "final": bool(booking["final"])}
 
 
 def export(connection: sqlite3.Connection, path: Path, since_us: int = 0) -> int:
-    """Write the bookings since a time into a file of the format that its ending names; return their number.
+    """Write the bookings, cancelled ones too, into a file of the format that its ending names; return their number.
 
     Raises RecordingError.
+
+    since_us: from this time on [us]
     """
     if path.suffix.lower() not in SUFFIXES:
         raise RecordingError(f"{path}: has no ending of a format: name it {', '.join('*' + s for s in SUFFIXES)}")
@@ -91,7 +96,7 @@ def _parquet(rows: list[dict[str, Any]], path: Path) -> None:
 
 def telematics(connection: sqlite3.Connection) -> dict[str, Any]:
     """Return `CumulativePayloadTotals` and `CumulativeLoadCount` of ISO 15143-3, each with the time of the last
-    booking.
+    booking: mass [kg] and number of all loads ever, without cancelled ones.
     """
     mass, loads, t_us = cumulated(connection)
     when = None if t_us is None else iso(t_us)

@@ -10,7 +10,11 @@ LONGEST = 200  # characters of a label; chosen
 
 
 def label_truck(connection: sqlite3.Connection, number: int, labels: dict[str, str]) -> None:
-    """Write labels of a truck. Raises RecordingError for an unknown truck, label or too long a text."""
+    """Write labels of a truck. Raises RecordingError for an unknown truck, label or too long a text.
+
+    number: number of the truck
+    labels: text of each label, by its name (LABELS)
+    """
     if truck(connection, number) is None:
         raise RecordingError(f"truck {number}: is not in the records: `cylforce records list` names those that are")
     for name, text in labels.items():
@@ -26,7 +30,11 @@ def name_product(connection: sqlite3.Connection, number: int, name: str) -> None
 
 
 def set_to_zero(connection: sqlite3.Connection, which: str, t_us: int) -> None:
-    """Begin the short or shift total anew; the bookings stay. Raises RecordingError for any other total."""
+    """Begin the short or shift total anew; the bookings stay. Raises RecordingError for any other total.
+
+    which: SHORT or SHIFT
+    t_us: present time [us]
+    """
     if which not in (SHORT, SHIFT):
         raise RecordingError(f"{which}: cannot be set to zero: use {SHORT} or {SHIFT}")
     values = (which, t_us)
@@ -36,7 +44,10 @@ def set_to_zero(connection: sqlite3.Connection, which: str, t_us: int) -> None:
 
 
 def _short(name: str, text: str) -> str:
-    """Return a text of at most LONGEST characters. Raises RecordingError."""
+    """Return a text as it is. Raises RecordingError if it has more than LONGEST characters.
+
+    name: name of the label, for the error
+    """
     if len(text) > LONGEST:
         raise RecordingError(f"{name}: has {len(text)} characters: write at most {LONGEST}")
     return text

@@ -19,7 +19,7 @@ class Pending(NamedTuple):
     """A booking that was not confirmed.
 
     revision: its revision
-    booking: its row
+    booking: its row, with the columns of `queries.JOINED`
     """
 
     revision: int
@@ -33,7 +33,7 @@ def check_outbox(connection: sqlite3.Connection) -> None:
 
 
 def pending(connection: sqlite3.Connection, receiver: str) -> list[Pending]:
-    """Return the oldest changes that a receiver has not confirmed."""
+    """Return the bookings with changes that a receiver has not confirmed, oldest change first, at most AT_ONCE."""
     rows = connection.execute(
         f"{JOINED} WHERE b.revision > coalesce((SELECT revision FROM passed_on WHERE receiver = ?), 0) "  # noqa: S608  # our own words
         "ORDER BY b.revision LIMIT ?",
@@ -43,5 +43,5 @@ def pending(connection: sqlite3.Connection, receiver: str) -> list[Pending]:
 
 
 def confirm(connection: sqlite3.Connection, receiver: str, revision: int) -> None:
-    """Note that a receiver has everything up to a revision."""
+    """Record that a receiver has confirmed every change up to a revision."""
     connection.execute("INSERT OR REPLACE INTO passed_on VALUES (?, ?)", (receiver, revision))

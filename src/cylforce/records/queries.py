@@ -13,7 +13,7 @@ JOINED = (
 
 
 class Total(NamedTuple):
-    """Loads of a product.
+    """Loads of a product, without cancelled ones.
 
     product: its number
     name: its name
@@ -28,7 +28,7 @@ class Total(NamedTuple):
 
 
 class Cumulated(NamedTuple):
-    """Sum of all loads ever.
+    """Sum of all loads ever, without cancelled ones.
 
     mass: their mass [kg]
     loads: number of loads
@@ -43,7 +43,7 @@ class Cumulated(NamedTuple):
 def bookings(
     connection: sqlite3.Connection, since_us: int = 0, truck: int | None = None, last: int = -1
 ) -> list[sqlite3.Row]:
-    """Return bookings, oldest first.
+    """Return bookings, cancelled ones too, oldest first, with the columns of JOINED.
 
     since_us: from this time on [us]
     truck: of this truck only; None: of all
@@ -58,6 +58,8 @@ def bookings(
 
 def totals(connection: sqlite3.Connection, which: str = GRAND) -> list[Total]:
     """Return the number of loads and their mass [kg] for each product, in the order of the products' numbers.
+
+    Cancelled bookings do not count.
 
     which: GRAND: all loads; SHORT or SHIFT: those since the operator set this total to zero
     """
@@ -92,6 +94,6 @@ def truck(connection: sqlite3.Connection, number: int) -> sqlite3.Row | None:
 
 
 def last_truck(connection: sqlite3.Connection) -> int | None:
-    """Return the number of the truck that was loaded last; None: none."""
+    """Return the highest number of a truck with a booking, which is the one loaded last; None: there is none."""
     number = connection.execute("SELECT max(truck) FROM bookings").fetchone()[0]
     return None if number is None else int(number)

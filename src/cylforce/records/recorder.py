@@ -30,9 +30,9 @@ class Recorder:
     report: called with a sentence about a failure
     close_s: time for which closing waits for the disk [s]
     kept: memory that was restored from the records
-    recorded: number of the last booking that is safe on the disk
-    audited: number of the last audit entry that is safe on the disk
-    lifetime: mass of all loads ever [kg]; None: unknown
+    recorded: number of the last booking that is safe on the disk; 0: none
+    audited: number of the last audit entry that is safe on the disk; 0: none
+    lifetime: mass of all loads ever, without cancelled ones [kg]; None: unknown
     failure: sentence about a failure; "": none
     """
 
@@ -43,8 +43,8 @@ class Recorder:
         self.lifetime: float | None = None
         self.audited = 0
         self._connection: sqlite3.Connection | None = None
-        self._changes: Queue[Change | Audit | int] = Queue(BACKLOG)
-        self._begun, self._last_us = 0, start.t_us
+        self._changes: Queue[Change | Audit | int] = Queue(BACKLOG)  # int: the end of the start, at this time [us]
+        self._begun, self._last_us = 0, start.t_us  # id of the start of the service; time of the last change [us]
         self._lock = _locked(path)
         try:
             self._connection = open_writing(path, report)
@@ -59,7 +59,7 @@ class Recorder:
         self.report_failure()
 
     def put(self, change: Change | Audit) -> None:
-        """Queue a change; it is written soon."""
+        """Queue a change for the writing thread; after a failure it is dropped."""
         self._last_us = change.t_us
         if not self._error:
             try:
@@ -77,7 +77,7 @@ class Recorder:
             self._report(self.failure)
 
     def close(self) -> None:
-        """Write the remaining changes, and wait for it a few seconds."""
+        """Write the remaining changes and the end of the start, and wait for that at most `close_s`."""
         with suppress(Full):
             self._changes.put_nowait(self._last_us)
             self._thread.join(self._close_s)
@@ -116,8 +116,9 @@ class Recorder:
 
 
 def _locked(path: Path) -> TextIOWrapper | None:
-    """Lock a file beside the database; None where nothing can be written. Raises RecordingError when another has the
-    lock.
+    """Lock a file beside the database, and return it: the lock holds while it is open.
+
+    None: nothing can be written there. Raises RecordingError when another service has the lock.
     """
     try:
         file = path.with_name(path.name + ".lock").open("w")

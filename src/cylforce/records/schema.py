@@ -95,7 +95,10 @@ def migrate(connection: sqlite3.Connection) -> None:
 
 
 def check(connection: sqlite3.Connection) -> None:
-    """Raise UnreadableError for a file that must not be written."""
+    """Raise UnreadableError for a file that must not be written: damaged, no database, or of a newer version.
+
+    Raises sqlite3.OperationalError where the file cannot be read now, such as one that is locked.
+    """
     try:
         if version_of(connection) > VERSION:
             raise UnreadableError(f"is of version {version_of(connection)}, this cylforce knows up to {VERSION}")
@@ -125,7 +128,7 @@ def open_writing(path: Path, report: Report) -> sqlite3.Connection:
 
 
 def _ready(path: Path) -> sqlite3.Connection:
-    """Open, check and migrate the database."""
+    """Open, check and migrate the database. Raises UnreadableError, sqlite3.Error or OSError."""
     connection = sqlite3.connect(path, BUSY_S, isolation_level=None, check_same_thread=False)
     try:
         check(connection)
@@ -164,7 +167,11 @@ def open_labels(path: Path) -> sqlite3.Connection:
 
 
 def _for_command(path: Path, mode: str) -> sqlite3.Connection:
-    """Open the database in a mode of SQLite, "ro" or "rw". Raises RecordingError."""
+    """Open the database in a mode of SQLite, "ro" or "rw".
+
+    Raises RecordingError where there is no such file, or it holds no records, or those of a newer version. Records of
+    an older version are opened as they are.
+    """
     if not path.is_file():
         raise RecordingError(f"{path}: there are no records: name the file that `cylforce run --records` writes")
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", 5.0, isolation_level=None, uri=True)

@@ -74,8 +74,9 @@ class Ticket(NamedTuple):
 
     @property
     def shares(self) -> tuple[PartSum, ...]:
-        """Return the buckets by part and product, in the order in which they came; one entry where nothing was
-        split.
+        """Return mass and number of the buckets of each part and product, in the order in which they first came.
+
+        There is one entry where nothing was split.
         """
         masses: dict[tuple[int, str], list[float]] = {}
         for line in self.lines:
@@ -87,9 +88,10 @@ class Ticket(NamedTuple):
 
 
 def ticket(connection: sqlite3.Connection, number: int, t_us: int, printing: bool = True) -> Ticket:
-    """Return the ticket of a truck; the first printing gives it its number.
+    """Return the ticket of a truck, without its cancelled buckets; the first printing gives it its number.
 
-    Raises RecordingError for a truck without buckets, or without a ticket where nothing is printed.
+    Each printing is counted in the records. Raises RecordingError for a truck without accepted buckets, or without a
+    ticket where nothing is printed.
 
     number: number of the truck
     t_us: present time [us]
@@ -132,7 +134,14 @@ def _product(number: int) -> str:
 
 
 def _numbered(connection: sqlite3.Connection, number: int, t_us: int, printing: bool) -> tuple[int, int, int]:
-    """Return number of the ticket, time of the first one [us], and how often it was printed. Raises RecordingError."""
+    """Return number of the ticket, time of its first printing [us], and how often it was printed, this time included.
+
+    Raises RecordingError where it was never printed.
+
+    number: number of the truck
+    t_us: present time [us]
+    printing: whether it is printed now, which is counted
+    """
     if printing:
         connection.execute(
             "INSERT INTO tickets (truck, t_us, printed) VALUES (?, ?, 1) ON CONFLICT (truck) DO UPDATE SET "

@@ -42,7 +42,7 @@ class BookedBucket(NamedTuple):
 
     booking: the booking
     cycle: length of its cycle [s], time in contact [s], largest soil force [N]
-    drift: drift of the adaptation [kg]
+    drift: weight that the empty bucket would show without the adaptation [kg]
     status: status of the weight in words
     """
 
@@ -70,7 +70,10 @@ class Change(NamedTuple):
 
 
 def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
-    """Record a new start; return its id and the restored memory. A start that never ended becomes "interrupted"."""
+    """Record a new start; return its id and the restored memory. A start that never ended becomes "interrupted".
+
+    Values of `start.now` that have changed since the last start are entered into the audit trail.
+    """
     connection.execute("BEGIN IMMEDIATE")
     connection.execute("UPDATE starts SET how = ? WHERE how = ?", (INTERRUPTED, RUNNING))
     values = (start.t_us, RUNNING, start.version, start.machine)
@@ -82,10 +85,12 @@ def begin(connection: sqlite3.Connection, start: Start) -> tuple[int, Memory]:
 
 
 def restore(connection: sqlite3.Connection, t_us: int) -> Memory:
-    """Return the service's memory when it wrote last.
+    """Return the service's memory as it was written last.
 
     The truck's buckets are those of its bookings. A bucket that was weighed and not yet booked counts as the same at
-    the present time `t_us` [us] if no other can have been filled meanwhile.
+    the present time `t_us` [us] if no other can have been filled meanwhile, within SHORTEST_CYCLE_US. Otherwise its
+    mass becomes `Memory.lost`. The records have only the standard error of the dumped mass: the restored booking has it
+    for all three of its masses.
     """
     last = connection.execute(
         "SELECT number, t_us, gross, standard_error, carry_back + zero, standard_error, mass + tare, standard_error "
@@ -155,7 +160,9 @@ def write_audit(connection: sqlite3.Connection, audit: Audit) -> int:
 
 
 def _write(connection: sqlite3.Connection, start: int, change: Change) -> None:
-    """Write a change inside a transaction: truck, booking, cancelled buckets, memory, audit entry.
+    """Write a change inside a transaction: truck, booking, final weights, cancelled buckets, memory, audit entry.
+
+    Trucks with a lower number than the present one are closed.
 
     start: id of the start of the service, as from `begin`
     """

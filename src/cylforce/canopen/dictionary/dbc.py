@@ -226,7 +226,10 @@ def _signals(pdo: Pdo) -> list[DbcSignal]:
 
 
 def _field(field: Field, start: int) -> Iterable[DbcSignal]:
-    """Yield the signals of a PDO's field: two for a quality, none for a gap, else one."""
+    """Yield the signals of a PDO's field: two (status, reason) for a quality, none for unused bytes, else one.
+
+    start: position of its lowest bit in the data
+    """
     if field.signal is None:
         return
     if field.signal in (PAYLOAD_QUALITY, FORCE_QUALITY, *QUALITY.values()):
@@ -251,7 +254,7 @@ def _field(field: Field, start: int) -> Iterable[DbcSignal]:
 
 
 def _names(words: type[Status] | type[Reason] | type[EventKind]) -> dict[int, str]:
-    """Return the names of an enumeration's values."""
+    """Return the names of an enumeration's values, in lower case, by value."""
     return {int(word): word.name.lower() for word in words}
 
 
@@ -271,7 +274,7 @@ def _signal(signal: DbcSignal) -> str:
 
 
 def _notes(pdo: Pdo) -> str:
-    """Return bandwidth and delay of a PDO's signals as comments."""
+    """Return the lines that comment a PDO's signals with their bandwidth and delay."""
     noted = ((signal.name, field.note) for field in pdo.fields if field.note for signal in _field(field, 0))
     return "".join(f'CM_ SG_ {pdo.can_id} {name} "{note}";\n' for name, note in noted)
 

@@ -94,7 +94,8 @@ def _entry(entry: Entry) -> list[tuple[str, object]]:
 def _default(entry: Entry) -> str:
     """Return the default value as CiA 306 writes it; empty: none.
 
-    A float is written as its bits in hex, a signed number or one digit in decimal, another unsigned number in hex.
+    A float is written as its bits in hex, a signed number or one digit in decimal, another unsigned number in hex; a
+    number to which the node number is added as $NODEID+0x...; text as it is.
     """
     value = entry.default
     if value is None or isinstance(value, str):

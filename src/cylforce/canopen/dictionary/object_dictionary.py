@@ -92,7 +92,7 @@ def own_objects(
     pdos: TPDOs that it sends
     heartbeat_ms: its heartbeat period [ms]
     sync_us: period of the SYNC that it produces [us]; 0: another node does
-    watched: entries of 1016h, the heartbeats that it monitors
+    watched: entries of 1016h, the heartbeats that it monitors: node number in bits 16 to 22, time [ms] in bits 0 to 15
     """
     if len(watched) > CONSUMERS:
         raise ValueError(f"{len(watched)} nodes have a heartbeat, {CONSUMERS} can be watched: set heartbeat_ms = 0")
@@ -146,7 +146,7 @@ def _protection() -> tuple[Entry, ...]:
 
 
 def _loading() -> tuple[Entry, ...]:
-    """Return the entries about the truck. Sub-indices 1 to 5 are commands, see `service.commands`."""
+    """Return the entries about truck and tool. Sub-indices 1 to 5 and 12 to 15 are commands, see `service.commands`."""
     return (
         Entry(1, "Target, in 0.1 kg; 0: none", "i", "rw", 0, low=0, high=_LARGEST_TARGET),
         Entry(2, "Number of the product", "I", "rw", 0, low=0, high=_LARGEST_U32),
@@ -233,7 +233,8 @@ def _communication(profile: int, name: str, identity: Sequence[int], heartbeat_m
 def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
     """Return communication and mapping parameters of a TPDO.
 
-    access: of the parameters, "ro" or "rw"
+    access: "ro" or "rw", of all parameters but the identifier, which can always be written; "rw" also adds unused
+        entries to the mapping, up to _SLOTS, and lifts the limits of the identifier
     mapped: how many of the entries are in use
     """
     entries = [f.index << 16 | f.sub << 8 | 8 * CODES[f.code] for f in pdo.fields]
@@ -257,7 +258,10 @@ def _tpdo(pdo: Pdo, access: str, mapped: int) -> list[Object]:
 
 
 def _as_delivered(pdo: Pdo) -> list[Object]:
-    """Return a TPDO as delivered by the maker: one object mapped, the default identifier, no cyclic transmission."""
+    """Return the parameters of a TPDO as delivered: one object mapped, the default identifier, no cyclic transmission.
+
+    A TPDO beyond the fourth, which has no default identifier, is disabled.
+    """
     default = TPDOS[pdo.number - 1] + pdo.node_id if pdo.number <= len(TPDOS) else DISABLED
     return _tpdo(pdo._replace(can_id=default, synchronous=False, period_s=0.0), "rw", 1)
 
@@ -295,13 +299,19 @@ def _mapped_object(field: Field, name: str, kind: int = ARRAY) -> Object:
 
 
 def unit_and_digits(field: Field) -> tuple[int, int]:
-    """Return unit (6131h) and decimal digits (6132h) of a field's integers: value = integer / 10^digits units."""
+    """Return unit (6131h) and decimal digits (6132h) of a field's integers: value = integer / 10^digits units.
+
+    The unit is a code of CiA 303-2 and not always the SI unit, see _UNITS.
+    """
     code, size = _UNITS[field.unit]
     return code, max(0, round(-log10(abs(field.scale) / size)))
 
 
 def _channel_objects(by_number: dict[int, Field]) -> list[Object]:
-    """Return units and decimal digits of the channels."""
+    """Return the objects 6131h and 6132h: unit and decimal digits of each channel.
+
+    by_number: field of each channel by its number, see `channels`
+    """
     units = {number: unit_and_digits(field) for number, field in by_number.items()}
     return [
         group(
@@ -320,7 +330,13 @@ def _channel_objects(by_number: dict[int, Field]) -> list[Object]:
 
 
 def _own_channels(by_number: dict[int, Field]) -> list[Object]:
-    """Return the objects of CiA 404 beside the process values, and each process value in both integer types."""
+    """Return the objects of CiA 404 beside the published process values.
+
+    They are unit, digits and status of each channel, zero and tare, and each process value in the integer type in which
+    it is not published.
+
+    by_number: field of each channel by its number, see `channels`
+    """
     return [
         *_channel_objects(by_number),
         group(ZERO, "AI autozero", ARRAY, [Entry(1, "Autozero of channel 1", "I", "wo", low=_ZERO, high=_ZERO)]),
@@ -335,15 +351,21 @@ def _own_channels(by_number: dict[int, Field]) -> list[Object]:
 
 
 def _profile(profile: int, fields: Sequence[Field]) -> list[Object]:
-    """Return the objects with which a device of a profile describes its integers."""
+    """Return the objects with which a device of a profile describes its integers; none for other profiles.
+
+    404: unit and digits of each channel; 410: resolution [0.001 deg]; 406: steps per revolution, 0 for a length
+
+    profile: number of the device profile
+    fields: fields of the PDOs that the device sends
+    """
     if profile == 404:
         by_number = {f.sub: f for f in fields if f.index in (0x6130, INT16, INT32)}
         return _channel_objects(by_number) if by_number else []
-    angle = next((f for f in fields if f.unit in ("rad", "m")), None)
-    if profile == 410 and angle is not None:
-        return [variable(0x6000, "Resolution", "H", "ro", round(1e3 * angle.scale / DEGREE))]
-    if profile == 406 and angle is not None:
-        turn = round(2.0 * pi / abs(angle.scale)) if angle.unit == "rad" else 0
+    position = next((f for f in fields if f.unit in ("rad", "m")), None)
+    if profile == 410 and position is not None:
+        return [variable(0x6000, "Resolution", "H", "ro", round(1e3 * position.scale / DEGREE))]
+    if profile == 406 and position is not None:
+        turn = round(2.0 * pi / abs(position.scale)) if position.unit == "rad" else 0
         return [
             variable(0x6000, "Operating parameters", "H", "ro", 0),
             variable(0x6001, "Measuring units per revolution", "I", "ro", turn),

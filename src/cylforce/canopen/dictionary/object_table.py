@@ -73,14 +73,17 @@ def with_first_entry(item: Object, entry: Entry) -> Object:
 
 
 def merged(objects: Iterable[Object]) -> tuple[Object, ...]:
-    """Return objects in the order of their indices; those of one index become one with the entries of all."""
+    """Return objects in the order of their indices; those of one index become one with the entries of all.
+
+    It has name and kind of the first of them; of entries with the same sub-index the last counts.
+    """
     by_index = attrgetter("index")
     groups = groupby(sorted(objects, key=by_index), by_index)
     return tuple(_joined(list(of_index)) for index, of_index in groups)
 
 
 def _joined(objects: list[Object]) -> Object:
-    """Return one object with the entries of all `objects`, which have the same index."""
+    """Return one object with the entries of all `objects`, which have the same index, see `merged`."""
     first = objects[0]
     if len(objects) == 1:
         return first

@@ -109,7 +109,10 @@ def profile(eds: Eds) -> int:
 
 
 def mapped_code(eds: Eds, index: int, sub: int) -> str:
-    """Return the struct code of an object that may be mapped into a PDO. Raises EdsError."""
+    """Return the struct code of an object's type.
+
+    Raises EdsError where the object does not exist, may not be mapped into a PDO, or has no type of 8, 16 or 32 bits.
+    """
     place = f"{index:04X}h:{sub}"
     variable = eds.dictionary.get_variable(index, sub)
     if variable is None or not _described(eds, index, sub):
@@ -131,7 +134,7 @@ def _described(eds: Eds, index: int, sub: int) -> bool:
 
 
 def default_mapping(eds: Eds, number: int) -> tuple[tuple[int, int, int], ...]:
-    """Return the default mapping of TPDO `number`, as (index, sub-index, bits) of each object."""
+    """Return the default mapping of TPDO `number`, from 1, as (index, sub-index, length [bits]) of each object."""
     count = _default(eds.dictionary.get_variable(0x1A00 + number - 1, 0))
     entries = (_default(eds.dictionary.get_variable(0x1A00 + number - 1, k)) for k in range(1, count + 1))
     return tuple((entry >> 16, entry >> 8 & 0xFF, entry & 0xFF) for entry in entries)
