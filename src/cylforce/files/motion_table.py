@@ -58,7 +58,7 @@ def write_motion(path: Path, table: MotionTable, joints: Sequence[str]) -> None:
 def read_motion(path: Path, joints: Sequence[str]) -> MotionTable:
     """Read a motion of a machine with joints of these names. Raises RecordingError with file, line and cure.
 
-    The first column is used as the time, which the result counts from 0; the other columns may be in any order.
+    The columns may be in any order. The result counts the time from 0.
 
     joints: (N,) names of the joints
     """
@@ -75,7 +75,8 @@ def read_motion(path: Path, joints: Sequence[str]) -> MotionTable:
     if header is None or len(rows) < 2:
         raise RecordingError(f"{path}: has no motion, which is a header and two rows or more: {EXAMPLE}")
     values = np.array(rows)
-    for (before, now), line_number in zip(pairwise(values[:, 0].tolist()), lines[1:], strict=True):
+    t_s = values[:, header.index(TIME)]
+    for (before, now), line_number in zip(pairwise(t_s.tolist()), lines[1:], strict=True):
         if now <= before:
             raise RecordingError(
                 f"{path}:{line_number}: {TIME} goes from {before:g} to {now:g}: time must increase from row to row"
@@ -83,7 +84,7 @@ def read_motion(path: Path, joints: Sequence[str]) -> MotionTable:
     names = [f"{name}{SUFFIX}" for name in joints]
     slew = values[:, header.index(f"{SLEW}{SUFFIX}")] if f"{SLEW}{SUFFIX}" in header else np.zeros(len(values))
     angles = values[:, [header.index(name) for name in names]]
-    return MotionTable(values[:, 0] - values[0, 0], angles, slew, tuple(lines), tuple(comments))
+    return MotionTable(t_s - t_s[0], angles, slew, tuple(lines), tuple(comments))
 
 
 def _columns(path: Path, line: int, text: str, joints: Sequence[str]) -> list[str]:

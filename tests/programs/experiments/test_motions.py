@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cylforce.files.atomic import RecordingError
-from cylforce.files.motion_table import write_motion
+from cylforce.files.motion_table import read_motion, write_motion
 from cylforce.files.tables import read_table
 from cylforce.mechanics.workspace import driven
 from cylforce.programs.experiments.catalogue import catalogue, checkup
@@ -45,6 +45,17 @@ def test_the_conditions_of_a_motion_stand_above_its_table(tmp_path):
     assert any(f"{motion.load_kg:.0f} kg" in line for line in comments)
     assert any("level ground" in line for line in comments)
     assert any("temperature" in line for line in comments)
+
+
+def test_the_columns_may_be_in_any_order(written):
+    """The first column was taken as the time, whatever its name."""
+    table = read_motion(written, NAMES)
+    lines = written.read_text().splitlines()
+    turned = [line if line.startswith("#") else ",".join(reversed(line.split(","))) for line in lines]
+    written.write_text("\n".join(turned))
+    again = read_motion(written, NAMES)
+    for one, other in ((table.t_s, again.t_s), (table.angles, again.angles), (table.slew, again.slew)):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_the_simulated_machine_plays_a_table(written, tmp_path):
