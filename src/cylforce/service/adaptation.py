@@ -88,6 +88,7 @@ class DriftConstants(Constants):
     usual:       (4,) load (m, m x, m z, J) of one kilogram of the usual amount [kg, kg m, kg m, kg m^2]
     layout:      names of the places in the kernel's results
     memory:      number of updates that count as one independent measurement
+    plan:        all these constants, as the kernel takes them
     """
 
     def __init__(

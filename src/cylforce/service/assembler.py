@@ -75,7 +75,9 @@ class AssemblerConstants(Constants):
     service:    settings of the machine file
     supervisor: nodes and identifiers that are supervised
     decoders:   of the sensors' PDOs, by CAN identifier
-    layout:     names of the places in the kernel's array
+    layout:     names of the places in the state of `Assembler`
+    sample:     names of the places in the kernel's array for a sample
+    plan:       constants of all signals and PDOs, as the kernel takes them
     unwrapping: adds whole turns to angles
     still:      (S,) `moving` of `Assembler.receive` while nothing moves
     fine:       (S,) reasons of a sample without an unusable signal
@@ -125,8 +127,8 @@ class AssemblerConstants(Constants):
 
         They are, of each field that carries a signal: its place, scale, range [SI] and the raw value for "no value"; of
         each PDO: its shortest period and the patience with its node [us]; of each signal: its fastest change [SI/s],
-        period [s], noise [SI], age above which it is late [us], and the turn after which it repeats [rad]; the limits
-        of the machine file."""
+        period [s], noise [SI], age above which it is late [us], the turn after which it repeats [rad], and whether
+        repeated values mean a fault; the limits of the machine file."""
         machine, health, watcher = self.service.machine, self.service.health, self.supervisor
         found = [self.decoders[pdo.can_id] for _, pdo in watcher.pdos]
         slots = [slot for decoder in found for slot in decoder.slots]
@@ -188,7 +190,10 @@ class Assembler(Estimator):
         return made
 
     def receive(self, frames: Sequence[Frame], moving: Numbers | None = None) -> None:
-        """Decode frames, check their lengths and ranges, and count unknown identifiers.
+        """Decode frames, check their lengths and values, and count frames with unknown identifiers.
+
+        A value is refused if it means "no value", is out of range, steps by more than is plausible, or is repeated too
+        often. The rate of each PDO shows whether a second node sends it.
 
         frames: in the order of their reception
         moving: (S,) not 0 where an equal value means a frozen sensor, because the machine moves; None: nothing moves
@@ -221,6 +226,8 @@ class Assembler(Estimator):
 
     def _receive_one_by_one(self, frames: Sequence[Frame], moving: Numbers) -> None:
         """Decode sensors' frames one after the other, because some are shorter or longer than their mapping.
+
+        Of a frame that is too short no value is used; of one that is too long all values are.
 
         frames: in the order of their reception
         moving: (S,) not 0 where an equal value means a frozen sensor
@@ -279,10 +286,11 @@ class Assembler(Estimator):
         self.state[place] = numbers(astuple(record))
 
     def sample(self, t_us: int) -> Sample:
-        """Return the sample at a tick: the last value (S,) of each signal [SI], or the reason why it is not usable.
+        """Return the sample at a tick: the last value (S,) of each signal [SI], and the reason where it is not usable.
 
-        Angles are unwrapped. The last value of a signal that is late or was refused is used for the machine file's
-        `hold_s` [s]; after that it is not usable.
+        Whole turns are added to angles as their ranges require. The last value of a signal that is late or was refused
+        is used for the machine file's `hold_s` [s]; after that it is not usable. The signals of a PDO that two nodes
+        send, or whose node is lost or not operational, become unusable without that delay.
 
         t_us: time of the tick [us]
         """
@@ -307,7 +315,7 @@ class Assembler(Estimator):
         return self.state[self.constants.layout.arrivals]
 
     def ages(self, t_us: int) -> tuple[float, ...]:
-        """Return the age (S,) [s] of each signal's value at a time; infinite without a value."""
+        """Return the age (S,) [s] of each signal's last accepted value at a time [us]; infinite without one."""
         return tuple(1e-6 * (t_us - c.t_us) if c.t_us != NEVER else inf for c in self.channels)
 
     @property
@@ -340,7 +348,7 @@ class Assembler(Estimator):
         return self.state[self.constants.layout.long_us]
 
     def spoofed(self, t_us: int) -> bool:
-        """Return whether another node has sent one of our identifiers in the last QUIET_US."""
+        """Return whether another node has sent one of our identifiers in QUIET_US [us] before the time `t_us`."""
         return abs(t_us - self.state[self.constants.layout.foreign_us]) < QUIET_US
 
     def doubled(self, t_us: int) -> tuple[Pdo, ...]:

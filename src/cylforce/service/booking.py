@@ -33,14 +33,15 @@ class Weighed:
 
     mass:    without correction of the drift [kg]
     noise:   variance by the noise of the rows, which averages out within the lift [kg^2]
-    gain:    (P,) change of the mass per unit of each tare
-    drifted: (D,) change of the mass per unit of each drift
-    moving:  number of samples in motion on which the weight is based
-    tilt:    angle of the tool to the house at the first weight of this load [rad]; None where the tool empties without
-             tilting
-    slopes:  (H,) change of the mass [kg] per unit of an undetected error of each signal: of cylinder forces [bar over
-             the head area] and joint angles [rad]; None: not known
-    hung:    angle of the tool to the house at the start of this load [rad]
+    gain:    (P,) kilograms by which the mass reads too large, per unit by which each tare was identified too small
+    drifted: (D,) kilograms by which the mass, not corrected, reads too large, per unit of each drift
+    moving:  number of samples in motion on which the weight is based; of a candidate for booking also 0 (its load has
+             changed since) or EMPTY_DETECTED
+    tilt:    angle of the tool to the house at this weight, of a candidate at the first weight of its load [rad]; None
+             where the tool empties without tilting
+    slopes:  (H,) kilograms by which the mass reads too large, per unit of an undetected error of each signal: of
+             cylinder forces [bar over the head area] and joint angles [rad]; None: not known
+    hung:    angle of the tool to the house at the start of this load [rad]; None: not known, or no tilting
     """
 
     mass: float
@@ -63,7 +64,7 @@ def weighed(lift: Lift, parameters: int, tilt: float | None, slopes: Array | Non
     lift:       recursive estimate of the load
     parameters: P, number of tares
     tilt:       present angle of the tool to the house [rad]; None where the tool empties without tilting
-    slopes:     (H,) change of the mass per unit of an undetected error of each signal (`Weighed`); None: not known
+    slopes:     (H,) change of the mass [kg] per unit of an undetected error of each signal (`Weighed`); None: not known
     """
     gain, noise = lift.covariance[0] @ lift.gram, float(lift.covariance[0, 0])
     mass, drifted = float(lift.values[0]), gain[parameters:]
@@ -94,7 +95,7 @@ class ProbableErrors:
 
     @property
     def expected(self) -> Array:
-        """Root mean square (H,) of each error: its size with the probability `off`, else 0."""
+        """Root mean square (H,) of each error, with its sign: its size with the probability `off`, else 0."""
         return np.asarray(sqrt(self.off) * self.sizes)
 
     @property
@@ -190,18 +191,20 @@ class BookingConstants(Constants):
         )
 
     def error(self, weight: Weighed, drift: DriftKnowledge) -> float:
-        """Return the standard error [kg] of the corrected mass by noise, tares, drift and scale."""
+        """Return the standard error [kg] of the corrected mass by noise, tares, drift and scale, for booking decisions.
+
+        It contains neither undetected errors of signals nor the error of the common scale of all pressures."""
         return sqrt(self.variances(weight, drift, self.tares).total)
 
     def reported_error(self, weight: Weighed, drift: DriftKnowledge, sizes: Array | None) -> float:
         """Return the reported standard error [kg] of the mass of a weight, corrected by the drift.
 
-        Beyond those of noise, identified parameters (tares), drift and scale it contains the error of the common scale
-        of all pressures.
+        It contains the errors of noise, identified parameters (tares), drift and scale, that of the common scale of all
+        pressures, and undetected errors of signals.
 
         weight: at an instant of a lift, with its sensitivities
         drift:  of friction and zeros, with its covariance
-        sizes:  (H,) root mean square errors of the H signals, which count, too; None: not known
+        sizes:  (H,) root mean square errors of the H signals (`ProbableErrors.expected`); None: not known
         """
         return sqrt(self.variances(weight, drift, self.reported, sizes).total)
 
@@ -262,14 +265,16 @@ class Bookings(Estimator):
     def note_measurement(self, t_us: int) -> None:
         """Update the time of the last measurement to `t_us` [us].
 
-        After a pause of more than REFILL_S seconds the load that waits for booking is discarded, because the bucket may
-        have been emptied and filled again."""
+        After a pause of more than REFILL_S seconds, or a step back of the time, the load that waits for booking is
+        discarded and reported as missed, because the bucket may have been emptied and filled again."""
         if self.measured_us is not None and not 0 <= t_us - self.measured_us <= 1e6 * REFILL_S:
             self.discard_candidate()
         self.measured_us = t_us
 
     def end_lift(self) -> None:
-        """Discard the weights of a lift that has ended."""
+        """Discard the newest weight of a lift that has ended, and no longer refine the last booking.
+
+        The candidate, the weight that waits for booking, stays."""
         self.newest = self.dumped = None
 
     def change_load(self) -> None:
@@ -281,9 +286,10 @@ class Bookings(Estimator):
             self.candidate = replace(self.candidate, moving=0)
 
     def discard_candidate(self) -> None:
-        """Discard the candidate, the weight that waits for booking, and report it as missed.
+        """Discard the candidate, the weight that waits for booking, and report it as missed (INTERRUPTED).
 
-        The bucket may have been emptied and filled again unobserved."""
+        The bucket may have been emptied and filled again unobserved. The newest weight of the lift is discarded, too,
+        and the last booking is no longer refined."""
         if self.candidate is not None:
             self._miss(self.candidate.mass, MissedReason.INTERRUPTED)
         self.newest = self.candidate = self.dumped = None
@@ -296,9 +302,11 @@ class Bookings(Estimator):
     def update(self, weight: Weighed, t_us: int, drift: DriftKnowledge) -> None:
         """Update the bookings with the present weight of a lift that has continued.
 
-        The weight before this one is now confirmed, because the lift has continued. If it is that of a load it becomes
-        the candidate for booking. If it is that of an empty bucket the candidate is booked, as soon as the weights are
-        accurate enough.
+        The weight before this one is now confirmed, because the lift has continued; it is not used if its noise is too
+        large. If it is that of a load it becomes the candidate for booking, or confirms the one so far (`_better`). If
+        it is that of an empty bucket the candidate is booked, or the last booking is refined, if the weights are
+        accurate enough, the load has left the bucket and bookings are not withheld. A candidate whose weights are not
+        accurate enough, or that is withheld, is marked as EMPTY_DETECTED.
 
         weight: present weight of the lift
         t_us:   time [us]
@@ -356,7 +364,7 @@ class Bookings(Estimator):
         the units of the signals). The errors of the H signals explain the same torques, so that one of them counts and
         not their sum.
 
-        slopes: (H,) change of the mass per unit of each signal's error [kg per unit]; None: not known
+        slopes: (H,) change of the mass [kg] per unit of each signal's error; None: not known
         """
         if slopes is None or self.probable is None:
             return 0.0
@@ -366,7 +374,7 @@ class Bookings(Estimator):
         """Report the candidate, the last weight that waits for booking, as missed if `now` is that of another load.
 
         It may be that of another load if an empty bucket was detected between them, but not accurately enough
-        (`moving` is EMPTY_DETECTED); if the bucket has turned and back as for an unobserved dump, and the weight is
+        (`moving` is EMPTY_DETECTED); if the bucket has turned as for an unobserved dump and back, and the weight is
         smaller; or if the measurement was interrupted (`remembered`). It is the same load if both weights agree, or if
         after an interruption it is the remainder of a load that is being dumped.
 
@@ -465,7 +473,8 @@ def is_remainder(before: Weighed, now: Weighed, drift: DriftKnowledge) -> bool:
 def turned_and_back(before: Weighed, now: Weighed) -> bool:
     """Return whether the tool had turned by more than REPOSE at the start of the load `now`, and has turned back.
 
-    This load may be the next one after an unobserved dump, or the remainder of a partial dump.
+    This load may be the next one after an unobserved dump, or the remainder of a partial dump. It is False for a tool
+    that empties without tilting.
 
     The fields of a weight are angles of the tool to the house [rad]: `hung` at the start of the load, `tilt` at the
     weight."""

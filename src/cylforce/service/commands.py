@@ -127,7 +127,8 @@ def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> t
     """Return the operator's zero and tare [kg] after a zero or tare command, and its answer.
 
     "zero" sets the zero to the present load, and the tare to 0; "tare" sets the tare to the present load less the zero.
-    A command is refused unless the status of the weight is OK; a zero also beyond ZERO_RANGE rated payloads.
+    A command is refused unless the status of the weight is OK; a zero also beyond ZERO_RANGE rated payloads. A refused
+    command changes neither zero nor tare.
 
     command: "zero" or "tare", and the four bytes written, which must be the signature
     scale:   before the command
@@ -154,7 +155,7 @@ def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> t
 
 
 def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
-    """Return the truck after a command about it, and the answer.
+    """Return the truck after a command about it, and the answer. A refused command leaves the truck unchanged.
 
     All integers are little-endian. By sub-index, the four bytes are:
 
@@ -185,7 +186,10 @@ def obey_loading(command: LoadingCommand, truck: Truck) -> Ruling:
 
 
 def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str, Answer]:
-    """Return the tool with a number, and the answer. Choosing the present tool again has no effect.
+    """Return the name of the tool with a number, and the answer.
+
+    A number without a tool is refused: the name of the present tool is returned. Choosing the present tool again has no
+    effect.
 
     number:  of the tool
     tools:   names of all tools, by number
@@ -200,10 +204,13 @@ def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str,
 
 
 def book_by_hand(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> tuple[Booking | None, Ruling]:
-    """Return the booking by hand of a bucket that was not weighed (None: refused), and the truck with it.
+    """Return the booking by hand of a bucket that was not weighed, and the ruling with the truck after it.
+
+    The whole mass counts as dumped, without standard errors, and no tare is subtracted from it. A mass that is not
+    above 0, or exceeds LARGEST_TARGET [kg], is refused: there is no booking (None), and the truck is unchanged.
 
     data:  the four bytes that were written: the mass as a signed little-endian integer of KG = 0.1 kg
-    last:  last booking
+    last:  last booking, after which this one is numbered; None: none yet
     t_us:  time [us]
     truck: before the booking
     """
@@ -226,9 +233,10 @@ def book_by_hand(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> 
 
 
 def stopped(frame: Frame, node_id: int) -> bool | None:
-    """Return True for an NMT command that stops our node, False for one that starts or resets it, else None.
+    """Return True for an NMT command that stops our node, False for another NMT command to it, None for another frame.
 
-    A stopped node answers no SDO, and commands have no effect.
+    The other commands start or reset the node, or make it pre-operational. A stopped node answers no SDO, and commands
+    have no effect.
 
     frame:   any frame; an NMT command has the identifier 0 and two bytes: command, and node id or 0 for all nodes
     node_id: of our node

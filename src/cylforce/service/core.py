@@ -34,6 +34,9 @@ class Core(Constants):
     gross_limits: range of the published weight [kg]
     period_us:    fixed step [us]
     longest_step: largest time between two ticks [periods]; after a longer one the filters start again
+
+    The other fields are the constants of one estimator each: of `inputs`, `pipeline`, `base`, `load`, `bookings`,
+    `drift`, `recognizer`, `force` and `monitor` of `WeighingService`, and of the published TPDOs (`encoders`).
     """
 
     def __init__(self, service: Service, tares: Tares, attached: Mapping[str, Tares] | None = None) -> None:
@@ -42,7 +45,7 @@ class Core(Constants):
         service:  settings of the machine file: machine, filters, sensor nodes, published PDOs, health limits
         tares:    identified parameters of the empty machine with the standard tool, or those of the data sheet
         attached: tares with each other tool, by its name; None: there is no other tool. The core of another tool
-                  contains itself alone in `fitted`
+                  contains in `fitted` itself alone, under the name of the standard tool
         """
         self.service, self.tares, self.attached = service, tares, attached or {}
         self.model = model = Model(service.machine, service.filters, tares.friction)

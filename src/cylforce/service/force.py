@@ -49,21 +49,22 @@ class ForceSensor:
     def force(self, shown: Numbers, contact: bool, late: tuple[float, float] = (0.0, 0.0)) -> Force:
         """Return the published force: components, magnitude and direction, each with its status.
 
-        A component is INVALID if its standard error, without the part by the latency, exceeds BLIND rated forces, or if
-        it exceeds the rated force itself. It is DEGRADED above POOR rated forces of standard error, or without
-        identified tares. The direction is INVALID where the force is not clearly larger than its standard error across
-        it. Without contact it is INVALID, too, with the reason NO_CONTACT.
+        A component (or the magnitude) is INVALID if its standard error, without the part by the latency, exceeds BLIND
+        rated forces, or if its value exceeds the rated force. It is DEGRADED above POOR rated forces of standard error,
+        or without identified tares. The direction is INVALID where the force is not clearly larger than its standard
+        error across it. Without contact the direction is INVALID, and components and magnitude that are OK have the
+        reason NO_CONTACT.
 
         shown:   (14,) from the kernel (`pushed.publish`), in the order of the names below: components x, z and size
                  [N]; angle from x towards z [rad]; standard errors of x, z and size (`along`) [N] and of the angle
                  (`across`) [rad]; covariance of x and z [N^2]; 1 where the direction is certain; largest of the errors
                  of x, z and size; largest of these three values [N]
-        contact: whether the force is that of the ground or of a load
+        contact: whether the ground or, in a resultant, a load acts on the tool, so that there is a force at all
         late:    error (x, z) of the force by its latency [N]
         """
-        x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain, worst, largest = shown
+        x, z, size, angle, x_error, z_error, along, across, xx, xz, zz, certain, largest_error, largest = shown
         fine = Reason.NONE if contact else Reason.NO_CONTACT
-        if worst <= self._poor and largest <= self.rated_force and self.identified:
+        if largest_error <= self._poor and largest <= self.rated_force and self.identified:
             force_x = Quantity(x, x_error, Status.OK, fine)
             force_z = Quantity(z, z_error, Status.OK, fine)
             magnitude = Quantity(size, along, Status.OK, fine)
@@ -81,7 +82,10 @@ class ForceSensor:
         return Force(force_x, force_z, magnitude, direction, (xx, xz, zz))
 
     def _bounded(self, value: float, error: float, late: float, fine: Reason) -> Quantity:
-        """Return a component or the magnitude with its status, INVALID where the pose does not determine it.
+        """Return a component or the magnitude with its status.
+
+        It is INVALID where the pose does not determine it (SINGULAR), or beyond the rated force
+        (OUT_OF_DECLARED_RANGE); otherwise OK or DEGRADED.
 
         value: of the quantity [N]
         error: its standard error [N]

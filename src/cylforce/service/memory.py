@@ -31,7 +31,9 @@ class Memory:
     unconfirmed: bool = False
 
     def emptied(self) -> "Memory":
-        """Return the memory for a bucket that may have been emptied, and filled again, since it was weighed."""
+        """Return the memory for a bucket that may have been emptied, and filled again, since it was weighed.
+
+        The load that was not booked yet (`hanging`) is no longer to be booked; its mass becomes `lost`."""
         return self if self.hanging is None else replace(self, hanging=None, lost=self.hanging.mass)
 
 

@@ -30,11 +30,15 @@ class PipelineConstants(Constants):
     model:       columns of all effects and their filters
     most_tilted: largest tilt of the chassis that is used [rad]; kept in `sensors`
     kernel:      compiled or interpreted functions
+    plan:        the model, as the kernel takes it
+    sensors:     constants for computing channels from signals, as the kernel takes them
     sizes:       numbers of channels, rows, columns and cylinders
     filters:     names of the places in the filters' state
     rows:        names of the places in the rows of a step
     by_length:   (joint, cylinder, signal) of each joint whose angle is computed from a cylinder's length
     unwraps:     whether the slew angle is unwrapped from sample to sample
+    state_size:  count of numbers in the filters' state
+    rows_size:   count of numbers in the rows of a step
     moved_by:    (S,) number of the cylinder whose motion changes each signal; -1: that of any cylinder
     """
 
@@ -95,9 +99,9 @@ class Instant:
     numbers:  all rows, as the kernel keeps them
     layout:   names of the places in `numbers`
     place:    of the tool from the first pin, x + i z [m]
-    velocity: of the tool [m/s]
+    velocity: of the tool, x + i z [m/s]
     usable:   (R,) 1 where a row can be used, else 0
-    speed:    (C,) of the cylinders [m/s]
+    speed:    (C,) of the cylinders, extending positive [m/s]
     """
 
     numbers: Numbers
@@ -109,13 +113,13 @@ class Instant:
 
     @property
     def slow(self) -> Rows:
-        """Columns (R, K) and torques (R,) for the weighing."""
+        """Columns (R, K) and torques (R,) [N m] with the slow filters of the weighing."""
         columns = part(self.numbers, self.layout.slow_columns).reshape(self.layout.shape)
         return Rows(columns, part(self.numbers, self.layout.slow_torque))
 
     @property
     def rows(self) -> Rows:
-        """Columns (R, K) and torques (R,) of the instant, for the force."""
+        """Columns (R, K) and torques (R,) [N m] of the instant with the fast filters, for the force."""
         columns = part(self.numbers, self.layout.columns).reshape(self.layout.shape)
         return Rows(columns, part(self.numbers, self.layout.torque))
 
@@ -180,7 +184,7 @@ class Pipeline(Estimator):
     def begin(self, channels: Numbers) -> None:
         """Start the filters after the start or after a gap, settled as if the machine had rested at these channels.
 
-        channels: (D,) joint angles [rad], cylinder forces [N], attitude
+        channels: (D,) of the first sample, in the order and the units of `PipelineConstants.read`
         """
         constants, low_pass = self.constants, self.constants.model.channels.smooth
         first = np.asarray(channels)

@@ -110,8 +110,8 @@ class PublishedValue:
     index, sub: address of its object
     code:       `struct` code of its type
     resolution: of the published integer
-    limits:     range that is published
-    path:       attribute of an estimate that it is read from
+    limits:     function that returns, of a machine's rated values, the range outside which "no value" is sent [SI]
+    path:       dotted path of the attribute of an estimate that it is read from
     convert:    function that returns the value [SI] from that attribute; None: the attribute is the value
     latency:    what delays it after the physical event
     """

@@ -143,8 +143,9 @@ class Recognizer(Estimator):
         """Conclude from the block that has ended whether this is another machine than the identified one.
 
         The block's own load is eliminated. If friction and zeros of its own do not explain its residual, another force
-        acts on the tool, and the comparison starts anew. Otherwise the block is added to the faded earlier ones. It is
-        another machine after SURE results in a row above LIMIT."""
+        acts on the tool, and the comparison starts anew; the conclusion so far (`another`) stays. Otherwise the block
+        is added to the faded earlier ones. From BLOCKS blocks on, their `mean_square` is a result: it is another
+        machine after SURE results in a row above LIMIT, and no longer after one within it."""
         c = self.constants
         gram, weight = np.frombuffer(self.gram).reshape(c.size, -1), self.rows / c.memory
         load = np.linalg.solve(gram[:LOAD, :LOAD] + c.prior, gram[:LOAD, LOAD:])

@@ -66,6 +66,8 @@ def residual_of(kernel: Kernel, solver: KernelSolver, rows: Numbers, drift: Arra
 def residual_of_arrays(residual: Residual, columns: int, drifts: int) -> InstantResidual:
     """Return the residual torque of an instant of a recording in the form of the service's steps, without drift.
 
+    Its `rows` contain only the columns, no measured torques. The columns of the drift are zero.
+
     residual: residual torque of the instant with its variances and columns, as arrays
     columns:  K, number to which the columns of the identified parameters are filled up with zeros
     drifts:   D, number of drifts

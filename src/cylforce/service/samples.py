@@ -18,14 +18,15 @@ LONGEST_JUMP = 1000  # missing rows at most between two ticks, for a longer paus
 def samples(
     inputs: Assembler, events: Iterable[Event], period_us: int, unusable: Counter[Reason] | None = None
 ) -> Iterator[Array]:
-    """Yield one row of SI values per tick, in pieces (T, S) of PIECE rows.
+    """Yield one row of SI values per tick, in pieces (T, S) of PIECE rows, the last piece of fewer.
 
-    A row is NaN when any of its signals is missing, late or not usable. The slew angle is unwrapped.
+    A row is NaN when any of its signals is missing, late or not usable. For missing ticks there are rows of NaN, too
+    (`missing_rows`). The slew angle is unwrapped.
 
-    inputs:    of the sensors, before any frame
+    inputs:    of the sensors, before any frame; updated with the frames
     events:    recorded frames and ticks
     period_us: fixed step, by which missing ticks are recognised [us]
-    unusable:  where given, counts the ticks without a sample by their reasons
+    unusable:  updated, where given: number of ticks whose row is NaN, by the reason; missing ticks do not count
     """
     signals = inputs.constants.service.machine.signals
     slew = Follower([k for k, signal in enumerate(signals) if signal.kind is Kind.SLEW_ANGLE])
@@ -45,7 +46,7 @@ def _rows(inputs: Assembler, events: Iterable[Event], period_us: int, unusable: 
     inputs:    last values of the sensors, updated with the frames
     events:    frames and ticks in their order
     period_us: fixed step [us]
-    unusable:  updated: number of rows that are not usable, by the reason
+    unusable:  updated: number of ticks whose row is NaN, by the largest reason; missing ticks do not count
     """
     missing = np.full(len(inputs.constants.service.machine.signals), np.nan)
     last_us: int | None = None
@@ -64,7 +65,9 @@ def _rows(inputs: Assembler, events: Iterable[Event], period_us: int, unusable: 
 
 
 def missing_rows(elapsed_us: int, period_us: int) -> int:
-    """Return the number of missing rows between two ticks `elapsed_us` apart, at most LONGEST_JUMP."""
+    """Return the number of missing rows between two ticks `elapsed_us` [us] apart, at most LONGEST_JUMP.
+
+    It is LONGEST_JUMP also where the second tick is earlier, or less than half a period later, than the first one."""
     count = round(elapsed_us / period_us) - 1
     return min(count, LONGEST_JUMP) if count >= 0 else LONGEST_JUMP
 

@@ -80,7 +80,8 @@ class WeighingService(Estimator):
     sampled_us:  time of the last sample in the filters [us]
     stopped:     whether NMT has stopped our node
     tool:        name of the present tool
-    unexplained: residual torque of each measured joint [N m]; empty: not measured
+    unexplained: residual torque of each measured joint after tares and drift, which a load, a force at the tool and
+                 errors cause [N m]; empty: not measured
     frames:      received since the last tick, to be decoded together at the next one
     """
 
@@ -146,8 +147,8 @@ class WeighingService(Estimator):
         """Take over the bookings of a memory from before a restart.
 
         The weight of a loaded bucket that was not booked yet (`kept.hanging`) is still booked when the bucket is empty,
-        unless it was weighed with another number of tares or drifts. A load that was lost in the interruption [kg] is
-        reported as missed.
+        unless it was weighed with another number of tares or drifts. Then it is reported as missed, as is a load that
+        was lost in the interruption (`kept.lost` [kg]).
 
         kept: memory of the service before the restart
         """
@@ -162,7 +163,7 @@ class WeighingService(Estimator):
 
     @property
     def memory(self) -> Memory:
-        """What the service keeps over a restart: zero and tare, truck, last booking, tool, weight to be booked."""
+        """State that is kept over a restart: zero and tare, truck, last booking, tool, weight to be booked."""
         books = self.bookings
         return Memory(
             scale=self.scale,
@@ -174,7 +175,7 @@ class WeighingService(Estimator):
         )
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Replace the state by a copy of a `snapshot`."""
+        """Replace the state by a copy of a `snapshot`, and the constants by those of its tool."""
         self._fit(state["tool"])
         Estimator.restore(self, state)
 
@@ -190,7 +191,7 @@ class WeighingService(Estimator):
     def _fit(self, tool: str) -> None:
         """Replace the constants (tares, filters, limits) by those of a tool; the state of all estimators stays.
 
-        tool: name of the tool
+        tool: name of the tool; the standard tool replaces one that the core does not contain
         """
         if tool == self.tool:
             return
@@ -204,8 +205,9 @@ class WeighingService(Estimator):
     def with_core(self, core: Core, unconfirmed: bool | None = None) -> "WeighingService":
         """Return a service that continues with other tares.
 
-        Estimators start anew, as after a restart. A load in the bucket was weighed with the old tares and is not
-        booked. Values of the sensors, the operator's settings, the NMT state and a rejection that `stays` are kept.
+        Estimators start anew, as after a restart. A load in the bucket was weighed with the old tares: it is not
+        booked, but reported as missed. Kept are the values of the sensors, the operator's settings (zero, tare, tool,
+        truck), the last booking, the working cycle, the NMT state, and a suspicion of a sensor fault that `stays`.
 
         core:        constants with the other tares
         unconfirmed: whether the parameters may be another machine's; None: as before
@@ -230,7 +232,8 @@ class WeighingService(Estimator):
         """Handle a frame, and return the answer to a command; None for any other frame.
 
         A command to our node is executed at once, unless NMT has stopped it. A boot-up message discards the values of
-        the node that booted. A sensor's frame waits for the next tick. No frame raises an exception."""
+        the node that booted. All other frames wait to be decoded at the next tick, or when MOST_FRAMES wait. No frame
+        raises an exception."""
         if frame.can_id not in self.core.inputs.decoders:
             own = self.core.service.node_id
             stopped = commands.stopped(frame, own)
@@ -251,7 +254,9 @@ class WeighingService(Estimator):
         return None
 
     def on_event(self, event: Event) -> Estimate | None:
-        """Handle one event, a frame or a tick; return the estimate of a tick, None for a frame."""
+        """Handle one event, a frame or a tick; return the estimate of a tick, None for a frame.
+
+        The answer to a command in a frame is not returned (`on_frame`)."""
         if isinstance(event, Frame):
             self.on_frame(event)
             return None
@@ -321,7 +326,8 @@ class WeighingService(Estimator):
         torques and their columns), and the rows less the empty machine's torque the residual torque of each joint [N
         m]. The residual torque gives the load, the bookings and the force at the tool. The monitor then tests for
         sensor faults, and friction and pressure zeros are adapted while the bucket is empty. Without a usable sample,
-        or at a tick that is too early or too late, the last estimate is held or the filters start again.
+        or at a tick that is too early or too late, the last estimate is held or the filters start again. While the
+        filters settle, the estimate has no values (STARTING).
         """
         core = self.fitted
         self.receive()
@@ -376,10 +382,11 @@ class WeighingService(Estimator):
         return self.estimate
 
     def _hold_or_restart(self, sample: Sample, channels: Numbers | Reason) -> None:
-        """Hold the last estimate, or restart the filters, at a tick whose sample cannot follow the last one.
+        """Hold the last estimate, or interrupt the measurement, at a tick whose sample cannot follow the last one.
 
-        The estimate is held where a value is late. The filters restart where a signal is not usable, where the tick is
-        too early or too late, and at the first sample.
+        The estimate is held where values are late, but all of them still usable. Otherwise it has no values. Where
+        there are no channels (`channels` is a reason), the filters stop. Where the tick is too early or too late, and
+        at the first sample, they begin anew with this sample.
 
         sample:   of the tick
         channels: (D,) joint angles [rad], cylinder forces [N] and attitude from the sample, or the reason why there are
@@ -424,7 +431,7 @@ class WeighingService(Estimator):
         return no_estimate(t_us, reason, self.estimate.booking, self.estimate.events)
 
     def _is_curled(self, channels: Numbers) -> bool:
-        """Return whether the bucket is curled as far as the machine file requires for a booking.
+        """Return whether the bucket is curled as far as the machine file requires for a booking; True without a limit.
 
         channels: (D,) of the step, the joint angles first [rad]; the last joint is the bucket's
         """
@@ -432,10 +439,11 @@ class WeighingService(Estimator):
         return machine.curled is None or machine.curled[0] <= channels[machine.size - 1] <= machine.curled[1]
 
     def note_weight(self, weight: Weight, t_us: int, tilt: float | None, *, curled: bool) -> None:
-        """Update bookings and tool check with the weight of the lift, if it is valid and the bucket is curled or empty.
+        """Update tool check and bookings with the weight of the lift, if the bucket is curled or the weight is light.
 
-        Only every `bookings.constants.every`-th sample of a lift does so. At each sample the end of a lift, or a change
-        of its load in the air, is passed to the bookings.
+        Only every `bookings.constants.every`-th sample of a lift does so. The tool check gets any weight, the bookings
+        a valid one only (`LoadEstimator.refusal`). At each sample the time, and the end of a lift or a change of its
+        load in the air, are passed to the bookings.
 
         weight: mass and centre of the load, as concluded from the lift
         t_us:   time [us]
@@ -469,7 +477,9 @@ class WeighingService(Estimator):
     def _adapt(self, load: Load, residual: InstantResidual, usable: Numbers) -> None:
         """Update the drift of friction and pressure zeros while the bucket is known to be empty.
 
-        Nothing is adapted while a sensor fault is suspected that prevents it, or with tares from the data sheet.
+        With a loaded bucket the adaptation pauses: the next return may have another carry-back. Nothing changes while a
+        sensor fault is suspected that prevents it, with tares from the data sheet, or where the machine file switches
+        the adaptation off.
 
         load:     in the bucket, before zero and tare
         residual: measured joint torques less those of the empty machine and the drift [N m]
@@ -485,9 +495,9 @@ class WeighingService(Estimator):
     def _load_truck(self, before: Booking | None) -> None:
         """Add a bucket to the truck after a booking, which also ends the working cycle.
 
-        The bucket's mass follows the booking while that becomes more precise.
+        The bucket's mass is the dumped mass less the tare. It follows the booking while that becomes more precise.
 
-        before: booking at the last tick
+        before: booking before this tick; None: none yet
         """
         booking = self.bookings.booking
         if booking is None or booking is before:
@@ -501,12 +511,13 @@ class WeighingService(Estimator):
     def _estimate(self, load: Load, forces: Forces, t_us: int) -> Estimate:
         """Return the published estimate: load, load less zero (gross), less tare (net), and forces.
 
-        Load and forces are INVALID while a signal is rejected, and DEGRADED for the reasons of `_reservations`. Forces
-        are DEGRADED while the house slews fast and the tool seems to be in contact. The first reason that degrades a
-        quantity remains, and an INVALID one stays so. A mass and centre that no load can have (NOT_A_LOAD) are INVALID
-        because of OTHER_TOOL while another tool is suspected. The standard error of the mass includes that by
-        undetected sensor faults. Gross and net are INVALID outside their declared range, or with a standard error of
-        the rated payload or more.
+        Load and forces are INVALID while a signal is rejected, because of NOT_THIS_MACHINE if this seems to be another
+        machine, else of SENSORS_DISAGREE. They are DEGRADED for the reasons of `_reservations`. Forces are DEGRADED
+        while the house slews fast and the tool seems to be in contact. The first reason that degrades a quantity
+        remains, and an INVALID one stays so. A mass and centre that no load can have (NOT_A_LOAD) are INVALID because
+        of OTHER_TOOL while another tool is suspected. The standard error of the mass includes that by undetected sensor
+        faults. Gross and net are INVALID outside their declared range, or with a standard error of the rated payload or
+        more.
 
         load:   mass [kg] and its centre x, z [m] before zero and tare
         forces: resultant at the tool, and the soil's part of it [N]

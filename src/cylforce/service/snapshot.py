@@ -31,7 +31,8 @@ class Estimator:
     def restore(self, state: Mapping[str, Any]) -> None:
         """Replace the state by a copy of a `snapshot`.
 
-        state: value of each field, by its name; of a field that is an estimator, that estimator's own snapshot
+        state: value of each field, by its name; of a field that is an estimator, that estimator's own snapshot; of a
+               dictionary of estimators, a dictionary of theirs by the same keys
         """
         for name in kinds(type(self)):
             now = getattr(self, name)

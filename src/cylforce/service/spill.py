@@ -52,9 +52,11 @@ def block_diagonal(one: Array, other: Array) -> Array:
 
 
 def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | None:
-    """Return the number of the examination after which the load of a lift has changed (spill); None: it has not.
+    """Return the number of the examination since which a lift has another load than before (spill); None: it has not.
 
-    marks:  (M, 4, 5 + K) information on the load at each of M earlier examinations
+    A change counts if it exceeds `least` and CERTAIN of its standard errors. Of several, the surest one counts.
+
+    marks:  (M, 4, 5 + K) information on the load at each of M earlier examinations, oldest first
     now:    (4, 5 + K) information of the whole lift
     others: (K, K) covariance of the other parameters
     least:  smallest change of the mass that counts [kg]
@@ -72,7 +74,7 @@ def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | N
 def _pairs(marks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the pairs (first, last) of `marks` examinations between which a load may have changed.
 
-    The load is constant before the first examination of a pair, and after the second one."""
+    The load is constant before the first examination of a pair, and after the second one, which may be the same."""
     first, last = np.triu_indices(max(marks - SHORTEST + 1, 0))
     return first, last
 
@@ -80,7 +82,8 @@ def _pairs(marks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def change(before: Array, since: Array, others: Array) -> tuple[Array, Array]:
     """Return by how much the mass of a load changed between two times, and the standard error of that (...,) [kg].
 
-    The centre of the load stays. The error is infinite where the rows after the change do not depend on the mass.
+    The change is positive where the load grew. The centre of the load stays. Where the load before was lighter than
+    1 kg, or the rows after the change do not depend on the mass, the change is 0 and its error infinite.
 
     With x the load before, of mass m, and a = x/m, rows r = A x + A a delta after the change give
     delta = a'(eta - Lambda x) / a' Lambda a. x has the errors of its own information.

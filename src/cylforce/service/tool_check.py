@@ -54,7 +54,8 @@ class ToolCheck(Estimator):
         """Update the test for another tool with one settled weight.
 
         An empty tool ends the suspicion. A weight that no load can have confirms it. A weight from which the load rises
-        may be that of another, empty tool.
+        may be that of another, empty tool; a fall back to that weight confirms that. Any other weight that
+        differs from the last one by no more than the limit changes nothing.
 
         mass:       the weight [kg]
         limit:      difference from which on two weights differ [kg]

@@ -63,7 +63,8 @@ class LoadConstants(Constants):
     parameters:      P, number of tares
     settle_steps:    number of steps until the filters have settled
     load_errors:     (4,) prior standard errors of a load (m, m x, m z, J) [kg, kg m, kg m, kg m^2]
-    no_information:  (4, 5 + P + D) information of a lift without samples: matrix, right-hand side and gram
+    no_information:  (4, 5 + P + D) information of a lift without samples, that of the prior: matrix, right-hand side
+                     and gram
     """
 
     def __init__(self, model: Model, tares: Tares, kernel: Kernel | None = None) -> None:
@@ -206,6 +207,8 @@ class LoadEstimator(Estimator):
     def _advance(self, rested: Numbers, *, in_motion: bool, drift: DriftKnowledge, tilt: float | None) -> None:
         """Count a sample that fits the load, and examine the lift for a spill from time to time.
 
+        A lift that began while the filters contained another motion (`mixed`) is estimated anew once they have settled.
+
         rested:    (R,) number of samples for which each row has been at rest, after this sample
         in_motion: whether a row moves
         drift:     of friction and zeros
@@ -263,7 +266,8 @@ class LoadEstimator(Estimator):
     def conclude(self, drift: DriftKnowledge) -> Weight:
         """Return mass [kg] and centre [m] of the load from the present lift, corrected by the drift.
 
-        Their standard errors contain those of noise, identified parameters (tares), drift and scale.
+        The standard error of the mass contains those of noise, identified parameters (tares), drift and scale; the
+        standard errors of the centre contain that of noise only.
 
         drift: of friction and zeros, with its covariance
         """
@@ -285,7 +289,7 @@ class LoadEstimator(Estimator):
     def is_plausible(self, weight: Weight) -> bool:
         """Return whether the estimate can be a load: its mass must be positive and its centre within reach.
 
-        For a mass near zero (an empty bucket) the first moment [kg m] must be near zero, too.
+        For a mass near zero, of either sign (an empty bucket), the first moment [kg m] must be near zero, too.
 
         weight: mass [kg] and centre [m] of the load, with standard errors
         """
@@ -319,7 +323,8 @@ class LoadEstimator(Estimator):
         INVALID (NOT_A_LOAD).
 
         weight: of the lift
-        curled: whether the bucket is curled far enough; otherwise a load that is OK becomes DEGRADED (NOT_CURLED)
+        curled: whether the bucket is curled far enough; otherwise a load that is OK becomes DEGRADED (NOT_CURLED). An
+                empty bucket need not be curled
         """
         if (refusal := self.refusal(weight)) is not None:
             return invalid_load(refusal)
@@ -335,8 +340,9 @@ class LoadEstimator(Estimator):
     def _trust(self, weight: Weight) -> tuple[Status, Reason]:
         """Return status and reason of a weight that can be a load: OK or DEGRADED.
 
-        It is DEGRADED if its standard error exceeds GOOD_ENOUGH rated payloads (in a lift without motion because of
-        friction at rest), or if the tares are those of the data sheet; otherwise OK."""
+        It is DEGRADED if its standard error exceeds GOOD_ENOUGH rated payloads (UNCERTAIN; in a lift without motion
+        AT_REST, because of friction at rest), or if the tares are those of the data sheet (NOT_IDENTIFIED); otherwise
+        OK."""
         if weight.standard_error > GOOD_ENOUGH * self.constants.rated:
             return Status.DEGRADED, Reason.UNCERTAIN if self.lift.moving else Reason.AT_REST
         if not self.constants.tares.identified:

@@ -48,7 +48,7 @@ class CarriedFilter(Estimator):
     values:     (4,) m, m x, m z, J about the last pin, as last weighed [kg, kg m, kg m, kg m^2]
     weighed:    (4, 4) covariance of these values when they were weighed
     filling:    time in contact since they were weighed [s]
-    known:      whether a load is in the bucket and is weighed now
+    known:      whether the content of the bucket, perhaps none, is weighed now: in the air, with a valid weight
     """
 
     constants: CarriedConstants
@@ -71,7 +71,7 @@ class CarriedFilter(Estimator):
 
         In contact the load stays, and the time is counted in which the bucket may fill.
 
-        lift:       present lift, which weighs the load; None: no load is weighed
+        lift:       present lift, which weighs the load; None: there is no valid weight
         dt:         length of the instant [s]
         in_contact: whether the tool is in contact
         """

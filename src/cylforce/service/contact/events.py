@@ -35,6 +35,7 @@ class ContactConstants(Constants):
     """
 
     def __init__(self, rated_force: float, dt: float) -> None:
+        """Compute the limits; `rated_force`: largest force that can be published [N], `dt`: step [s]."""
         self.smallest, self.jump, self.dt = NO_CONTACT_BELOW * rated_force, JUMP * rated_force, dt
         self.window = max(2, round(RISE_S / dt))
 

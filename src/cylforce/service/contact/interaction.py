@@ -114,12 +114,12 @@ class ForceEstimator(Estimator):
         """Return the forces at the tool at one instant, resultant and soil force, and update contact and its events.
 
         While a load is weighed in the air, the errors of the torques are learned, too. Without a usable row both forces
-        are INVALID (DEAD_POINT).
+        are INVALID (DEAD_POINT), and a present contact is forgotten.
 
         instant:    filtered rows of the step
         usable:     (R,) 1 where the row of a measured joint torque can be used, else 0
         drift:      (D,) change of friction [N, N s/m] and pressure zeros [N] since the identification
-        lift:       of the load in the bucket; None: no load is weighed
+        lift:       of the load in the bucket; None: there is no valid weight
         t_us:       time [us]
         undetected: (R, H) torques by the probable error of each of H signals [N m]
         """
@@ -150,6 +150,7 @@ class ForceEstimator(Estimator):
         late:   error (x, z) of the forces by their latency [N]
         """
         c, carried, in_contact = self.constants, self.carried, self.contact.in_contact
+        # mass in the bucket [kg]
         hanging = carried.values[0] if carried.known else solved.weight / STANDARD_GRAVITY
         acts = bool(in_contact or abs(hanging) > c.lightest)
         loaded = carried.known or in_contact

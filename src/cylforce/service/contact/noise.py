@@ -36,10 +36,10 @@ SHOWN = 14  # numbers of a force, see `pushed.publish`
 class SolvedForce:
     """The force that explains the residual torque of one instant.
 
-    x, z:       components [N]
-    xx, xz, zz: their covariance [N^2]
+    x, z:       components, forwards and upwards [N]
+    xx, xz, zz: their covariance, without undetected errors of signals and without the error of the scale [N^2]
     weight:     weight of the mass in the bucket that explains most of the force [N]
-    clearness:  f' C^-1 f, with f the force less that weight
+    clearness:  f' C^-1 f, with f the force less that weight, (x, z + weight), and C its covariance
     numbers:    all results of the kernel (`ForceLayout`)
     """
 

@@ -96,7 +96,8 @@ class BaseFilter(Estimator):
     def update(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
         """Update the estimated acceleration of a rocking base, and add its effect to the variances of the residual.
 
-        With an inertial sensor on the base nothing is done, because that measures its motion.
+        The estimate changes every `lag` steps, its effect is added at each step. With an inertial sensor on the base
+        nothing is done, because that measures its motion.
 
         residual: residual torque of the instant; its field `wider` (R,) [N^2 m^2] is set
         channels: (D,) of the step, of which the last three are pitch, roll [rad] and slew
@@ -119,12 +120,13 @@ class BaseFilter(Estimator):
         load does not explain (`recognised.rocking_variance`).
 
         residual: residual torque of the instant: measured less that of the empty machine and the drift [N m]
-        channels: (D,), of which the last three are pitch, roll [rad] and slew rate
+        channels: (D,), of which the last three are pitch, roll [rad] and slew
         lift:     of the load, before this instant
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         c, rows = self.constants, len(usable)
         self._append_pitch()
+        # variance of the first pin's acceleration by the tilt [m^2/s^4]
         swings = PIN_HEIGHT**2 * max(self.turning - c.noise, 0.0)
         settled = not lift.refused and lift.taken > c.settled
         accelerations, wider = array("d", (self.forward, self.upward)), ZERO * rows

@@ -15,10 +15,11 @@ NO_COURSE: Course = ()  # before the first point
 def kink(course: Course, place: complex) -> tuple[Course, float | None]:
     """Return the course of the teeth with the present place, and the confidence that the ground's slope has changed.
 
-    A place is added after EVERY_M [m]. The slopes of the last two straight pieces of the course are compared. The
-    confidence (0 to 1) is None where they agree.
+    A place is added after EVERY_M [m]. The slopes of the last two pieces of the course, of POINTS points each, are
+    compared. The confidence (0 to 1) is None where they agree, where one of them is not straight, and while the course
+    is shorter. After a change of the slope the course continues with the second piece alone.
 
-    course: at most the points of two pieces
+    course: so far; at most the points of two pieces, which have one point in common
     place:  of the teeth, x + i z [m]
     """
     x, z = place.real, place.imag
@@ -32,6 +33,7 @@ def kink(course: Course, place: complex) -> tuple[Course, float | None]:
     turn = abs((slope_after - slope_before + pi / 2.0) % pi - pi / 2.0)
     if bend >= LARGEST_BEND or turn < TURN:
         return points, None
+    # standard error of the turn [rad], by the scatter about both lines
     error = sqrt(2.0) * atan(max(bend, 1e-4) / (EVERY_M * POINTS / sqrt(12.0)) / sqrt(POINTS))
     return points[POINTS - 1 :], min(1.0, 1.0 - 0.5 * exp(-((turn - TURN / 2.0) / error)))
 

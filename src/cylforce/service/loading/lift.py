@@ -110,7 +110,8 @@ class Lift(Estimator):
     def moments(self, tares: Array, drift: DriftKnowledge, colder: float = 1.0) -> tuple[Array, Array]:
         """Return mass [kg] and first moments x, z [kg m] (3,) of the load, and their covariance (3, 3).
 
-        They are corrected by the drift. The covariance includes the errors of tares and drift.
+        They are corrected by the drift. The covariance includes the errors of noise, tares and drift, but not of the
+        scale.
 
         tares:  (P, P) covariance of the tares, the identified parameters of the empty machine
         drift:  of friction and zeros, with its covariance
@@ -122,6 +123,8 @@ class Lift(Estimator):
 
     def keep_check(self, now: Array, last: SpillCheck, most: int) -> None:
         """Append an examination for a spill, and drop the oldest one of more than `most`.
+
+        The first one of a lift gives the `tilt` at the start of the load.
 
         now:  (4, 5 + P + D) information about the load at it
         last: the examination
@@ -181,7 +184,7 @@ class Weight:
     mass:           of the load [kg]
     standard_error: of the mass by noise, tares, drift and scale [kg]
     centre:         of the load, x + i z in the last link's frame [m]
-    centre_error:   standard errors of x and z [m]
+    centre_error:   standard errors of x and z by noise alone [m]
     drifted:        standard error of the first moment by a drift that is not estimated yet [kg m]
     """
 

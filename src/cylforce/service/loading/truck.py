@@ -38,8 +38,8 @@ class Truck:
     filled:  number of the accepted buckets
     buckets: the last KEPT buckets, accepted or not
     part:    1: the truck itself; 2 and more: its trailer, or its remaining space for another product
-    in_part: mass in the present part [kg]
-    first:   target of the first part [kg]
+    in_part: mass of the accepted buckets in the present part [kg]
+    first:   target of the first part [kg]; kept from the second part on, 0 before
     trailer: target of the trailer [kg]
     """
 
@@ -80,7 +80,10 @@ def add_bucket(truck: Truck, booking: Booking, tare: float) -> Truck:
 
 
 def correct_bucket(truck: Truck, number: int, change: float) -> Truck:
-    """Return the truck with the mass of bucket `number` corrected by `change` [kg], if that is among the last KEPT."""
+    """Return the truck with the mass of the bucket of booking `number` corrected by `change` [kg].
+
+    It is unchanged if that bucket is not among the last KEPT. The correction of a cancelled bucket does not count in
+    the sums."""
     found = next((bucket for bucket in truck.buckets if bucket.number == number), None)
     if found is None:
         return truck
@@ -89,19 +92,21 @@ def correct_bucket(truck: Truck, number: int, change: float) -> Truck:
 
 
 def _changed(truck: Truck, part: int, by: float) -> Truck:
-    """Return the truck with the mass `by` [kg] added to one of its parts."""
+    """Return the truck with the mass `by` [kg] added to its total, and to `in_part` if `part` is the present part."""
     return replace(truck, total=truck.total + by, in_part=truck.in_part + (by if part == truck.part else 0.0))
 
 
 def set_target(truck: Truck, target: float) -> Ruling:
-    """Set the target [kg] of the present part of a truck; 0: none. A target out of range is refused."""
+    """Return the truck with another target [kg] of its present part; 0: none. A target out of range is refused."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, target=target), DONE, f"target set to {target:.1f} kg")
 
 
 def set_trailer_target(truck: Truck, target: float) -> Ruling:
-    """Set the target [kg] of a truck's trailer, or of any other next part; 0: none. One out of range is refused."""
+    """Return the truck with another target [kg] of its trailer, or of any other next part; 0: none.
+
+    A target out of range is refused."""
     if (refusal := _too_far(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, trailer=target), DONE, f"target of the trailer set to {target:.1f} kg")
@@ -115,9 +120,9 @@ def _too_far(truck: Truck, target: float) -> Ruling | None:
 
 
 def next_part(truck: Truck) -> Ruling:
-    """Begin the next part of a truck, with its own target and sum: the trailer, or the space for another product.
+    """Return the truck with its next part begun: the trailer, or the space for another product.
 
-    Its target is that which was set for the trailer [kg]."""
+    The part has its own sum, from 0 on, and the target that was set for the trailer [kg]."""
     first = truck.target if truck.part == 1 else truck.first
     after = replace(truck, part=truck.part + 1, in_part=0.0, first=first, target=truck.trailer)
     return Ruling(
@@ -126,21 +131,23 @@ def next_part(truck: Truck) -> Ruling:
 
 
 def set_product(truck: Truck, product: int) -> Ruling:
-    """Set the number of a truck's product, 0 (none) to 65535, from the next bucket on."""
+    """Return the truck with another number of its product from the next bucket on, 0 (none) to 65535.
+
+    Any other number is refused."""
     if not 0 <= product < 1 << 16:
         return Ruling(truck, TOO_FAR, f"product refused: {product} is not 0 (none) to 65535")
     return Ruling(replace(truck, product=product), DONE, f"product {product} from the next bucket on")
 
 
 def next_truck(truck: Truck) -> Ruling:
-    """Open an empty truck with the same targets and product."""
+    """Return an empty truck with the next number, and with the same targets and product."""
     target = truck.target if truck.part == 1 else truck.first
     after = Truck(truck.number + 1, target, truck.product, trailer=truck.trailer)
     return Ruling(after, DONE, f"truck {truck.number} closed with {truck.total:.1f} kg, truck {after.number} opened")
 
 
 def set_accepted(truck: Truck, number: int, accepted: bool) -> Ruling:
-    """Cancel a bucket of a truck, whose mass then does not count, or accept it again.
+    """Return the truck with one bucket cancelled, whose mass then does not count, or accepted again.
 
     A repeated command has no further effect. A bucket that is not among the last KEPT ones is refused.
 

@@ -50,7 +50,8 @@ class Block:
     """Evidence of a block about H signals; of several blocks each array has one axis more, (B, ...).
 
     With an error x of signal h the squared residual is r - 2 linear_h x + square_h x^2, in squares of standard
-    errors, and the load's mass is mass - slope_h x.
+    errors, and the load's mass is mass - slope_h x. An error is positive where the signal reads too large; its unit is
+    bar of a cylinder's force over its head area, or rad of an angle.
 
     residual: (1,) squared residual r without an error
     mass:     (1,) mass of the load [kg]
@@ -60,7 +61,8 @@ class Block:
     square:   (H,) quadratic coefficients of the parabolas
     slope:    (H,) change of the mass [kg per unit of the error]
 
-    Of F frictions that all blocks share (`common_friction`), in standard errors between strokes:
+    Of F frictions that all blocks share (`common_friction`), as changes since the identification, in standard errors
+    between strokes:
     rows:           (F + H + 1, F + H + 1) products of [friction | errors | residual], with the load, the zeros and the
                     deviations from stroke to stroke eliminated
     masses:         (F + H + 1,) mass of the load [kg] per unit of each of these columns
@@ -137,9 +139,9 @@ class BlockConstants(Constants):
     rated:         rated payload [kg]
     stroke_errors: (D,) standard errors of the drift between strokes: frictions [N, N s/m], then zeros [N]
     frictions:     F, number of the drifts that are frictions; the others are zeros
-    prior:         (4 + D,) diagonal of the prior information on the load and on the changes of frictions and zeros; the
-                   unit of a change is its entry of `stroke_errors`
-    memory:        number of consecutive samples that count as one independent sample
+    prior:         (4 + D,) diagonal of the prior information on the load and on the changes of frictions and zeros; 1
+                   for a change, whose unit is its own standard error
+    memory:        number of consecutive samples (one every EVERY steps) that count as one independent sample
     daily:         (D,) standard errors of the drift from day to day: frictions [N, N s/m], then zeros [N]
     """
 
@@ -167,7 +169,7 @@ class BlockConstants(Constants):
         self.prior = np.concatenate([load_spread(machine) ** -2.0, np.ones_like(self.stroke_errors)])
         self.memory = max(1.0, correlated_samples(model.filters, tares.correlation) / EVERY)
         self.daily = daily_spread(model, tares.values)
-        self._kinds = kinds(model)
+        self._kinds = kinds(model)  # (D,) 0 for a friction, 1 for a zero
         # force [N] of a bar on the head side of each cylinder of `pressed`
         self._per_bar = numbers(BAR * machine.cylinders[c].area_head for c in self.pressed)
         self._columns = counts(model.zero.start + c for c in self.pressed)  # of these cylinders' forces
@@ -176,9 +178,11 @@ class BlockConstants(Constants):
         self.plan = making.plan(model, self.kernel.KernelPlan)
 
     def daily_change(self, drift: DriftFilter) -> Array:
-        """Return the standard errors (D,) of the changes of friction [N, N s/m] and zeros [N] from one day to another.
+        """Return the standard errors (D,) of the difference of friction [N, N s/m] and zeros [N] from the adapted ones.
 
-        Those of friction become smaller when the adaptation has determined the present friction.
+        They are those of a healthy machine. For a zero it is that between strokes. For a friction it is that between
+        strokes when the adaptation has determined the present friction, and up to FRICTION times the identified one
+        before.
 
         drift: adapted friction and zeros, with their covariance
         """
@@ -189,8 +193,8 @@ class BlockConstants(Constants):
     def prior_of(self, drift: DriftFilter) -> Array:
         """Return the prior information (4 + D,), inverse variances, on the load and on changes of friction and zeros.
 
-        The unit of a change is its standard error between strokes. The information is smaller than usual where the
-        returns of this machine's empty bucket show a larger spread of friction and zeros (cold oil).
+        The unit of a change is its `daily_change`. The information is smaller than usual where the returns of this
+        machine's empty bucket show a larger spread of friction and zeros (cold oil).
 
         drift: adapted friction and zeros, with the spread that this machine shows
         """
@@ -218,8 +222,9 @@ class BlockConstants(Constants):
     def turned_force(self, channels: Numbers, force: complex) -> Array:
         """Return by how much errors of angles change the torque (R, H) [N m] of a known force at the tool.
 
-        An angle that reads one radian too large rotates all links beyond its joint, so that the force seems to act at
-        another place. The columns of the cylinder forces, before those of the angles, are 0.
+        The unit of such an error is one radian. An angle that reads too large rotates all links beyond its joint, so
+        that the force seems to act at another place. The columns of the cylinder forces, before those of the angles,
+        are 0.
 
         channels: (D,) joint angles [rad], cylinder forces [N], attitude
         force:    at the tool, x + i z, forwards and upwards [N]
@@ -255,11 +260,11 @@ class BlockGatherer(Estimator):
     load:      (4,) load (m, m x, m z, J) estimated in the previous block [kg, kg m, kg m, kg m^2]; zero in contact
     gram:      (K, K) products of the running block's rows [load | changes of friction and zeros | errors | residual],
                flat
-    last:      (K, K) products of the previous block's rows
+    last:      (K, K) products of the previous block's rows; 0 after a block in which the machine hardly moved
     errors:    (R, H) torque per unit of each error at the last sample [N m]
     rows:      number of rows of the running block
     samples:   number of samples of the running block
-    ways:      (C,) motion of the cylinders in the running block [m]
+    ways:      (C,) motion of the cylinders in the running block, extending positive [m]
     block:     the block that ended with the last sample; None: no block ended, or the machine hardly moved
     """
 
@@ -304,7 +309,7 @@ class BlockGatherer(Estimator):
 
     @property
     def explained(self) -> bool | None:
-        """Return whether a load explains the block that has just ended; None: no block has."""
+        """Return whether a load explains the block that has just ended; None: none has, or the machine hardly moved."""
         return None if self.block is None else self.block.explained(self.constants.rated)
 
     def interrupt(self) -> None:
@@ -344,8 +349,8 @@ class BlockGatherer(Estimator):
     def _take_rows(self, instant: Instant, drift: DriftFilter) -> int:
         """Add the rows in motion of one sample to the running block, and return their number.
 
-        A row is the residual torque of one measured joint with its columns, in units of its standard error. The spread
-        of friction is smaller when the adaptation has determined the present friction.
+        A row is the residual torque of one measured joint with its columns, in units of its standard error. The unit of
+        a change of friction or of a zero is its `daily_change`.
 
         instant: filtered rows of the step, of which those that are usable and in motion are added
         drift:   adapted friction and zeros, with their covariance
@@ -369,6 +374,7 @@ class BlockGatherer(Estimator):
         inverse = np.linalg.inv(gram[:known, :known] + np.diag(prior))
         both = gram[:known, known:]  # load and usual changes against errors and residual
         reduced = gram[known:, known:] - both.T @ inverse @ both
+        # mass (H + 1,) per unit of each error, and of the load itself; load (4,)
         masses, load = inverse[0] @ both, inverse[:LOAD] @ both[:, -1]
         rows, shared_masses, friction_prior = self._shared(drift, prior)
         block = Block(
@@ -395,7 +401,7 @@ class BlockGatherer(Estimator):
         error (2, F) of the friction. The unit of friction is its standard error between strokes.
 
         drift: adapted friction and zeros
-        prior: (4 + D,) information on load, friction and zeros of this machine
+        prior: (4 + D,) information on load, friction and zeros of this machine (`prior_of`)
 
         With the friction f of all blocks and its deviation e in this block, torque = C (f + e). e has a standard error
         of one, and is eliminated as the load is. The gram's residual is relative to the friction of the `drift`. Here

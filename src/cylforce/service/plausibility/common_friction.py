@@ -21,7 +21,7 @@ class FrictionFit:
 
     costs:    (B,) squared residual of each block, in squares of standard errors
     price:    cost of the friction by its prior
-    friction: (F,) in standard errors between strokes
+    friction: (F,) change since the identification, in standard errors between strokes
     """
 
     costs: Array
@@ -54,8 +54,8 @@ class OneFriction:
                   angles of joints (`BlockConstants`)
         size:     of the error, positive if the signal reads too large [bar of a force over the head area, rad]
         begin:    first block with the error
-        harmless: (B,) size up to which an error does not matter for a weight
-        scatter:  (B,) Birge ratio of each block, 1 or more: variance over that of commissioning
+        harmless: (B,) size up to which an error does not matter for a weight [as `size`]
+        scatter:  (B,) factor of each block, 1 or more: variance of its residual over that of commissioning (`scatter`)
         most:     largest vote of one block
         """
         number = len(self.blocks.residual)
@@ -70,13 +70,14 @@ class OneFriction:
 
     @property
     def _contact(self) -> Array:
-        """Costs (B,) of blocks that no load explains."""
+        """Costs (B,) from which on no load explains a block."""
         return CONTACT * self.blocks.weight[:, 0]
 
     def _best(self, signal: int, errors: Array, choices: tuple[Mask, ...]) -> FrictionFit:
-        """Return the friction with the least cost, beside errors of a signal.
+        """Return the fit of the friction with the least cost, beside errors of a signal.
 
-        Blocks in contact are no evidence about friction, and are not used in its fit.
+        Blocks in contact are no evidence about friction, and are not used in its fit. The prior is that of the last
+        block.
 
         signal:  number of the signal
         errors:  (B,) of the signal [bar, rad]

@@ -141,7 +141,8 @@ class Monitor(Estimator):
     def combined(self, reports: Reports) -> SensorSuspicion:
         """Return the monitor's suspicion from the detectors' reports: that of the highest level; of several, the first.
 
-        A latched suspicion stays. A suspicion that `stays` ends after VOTES seconds in the air that a load explains."""
+        A latched suspicion stays. A suspicion that `stays` ends after VOTES seconds in the air that a load explains, or
+        is replaced by a reported rejection."""
         if self.suspicion.latched:
             return self.suspicion
         surest = max(reports, key=lambda report: report.level, default=NOTHING_SUSPECTED)

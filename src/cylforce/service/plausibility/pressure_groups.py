@@ -133,7 +133,7 @@ class GroupStatistics(Estimator):
         c.kernel.update_noise(size, group, GROUP, *chosen, TENTH, c.quiet, len(QUIET), ZERO * NOISES, self.noise)
 
     def last_longer(self, moved: Mask) -> None:
-        """Count one more group since the noise is gone, for the pressures whose noise is gone.
+        """Count one more group since the noise is gone, for pressures whose noise is gone and that get no group here.
 
         moved: (P,) True for the pressures to count, whose cylinders moved
         """

@@ -92,9 +92,11 @@ class Reversals(Estimator):
     ) -> bool:
         """Return whether a reversal of friction explains the suspected step of a pressure.
 
-        A reversal changes the force by at most twice the dry friction, which is uncertain by CLEAR standard errors.
+        The cylinder must rest, or have reversed at most `constants.steps` before; then the force must step in the new
+        direction. A reversal changes the force by at most twice the dry friction, which is uncertain by CLEAR standard
+        errors.
 
-        suspicion: suspicion of the step
+        suspicion: suspicion of the step, with the pressure that stepped and by how much [Pa]
         steps:     number of steps of the filters so far
         speed:     (C,) present speed of the cylinders [m/s]
         values:    (S,) of all signals [SI]

@@ -51,7 +51,7 @@ class SensorSuspicion:
     level:     of the suspicion
     cause:     suspected fault
     signals:   numbers of the signals of which one is wrong
-    size:      error of the signal [Pa, rad]; 0: not known
+    size:      error of the signal, positive where it reads too large, or size of its step [Pa, rad]; 0: not known
     confirmed: whether motion in both directions has confirmed the fault
     """
 

@@ -26,8 +26,8 @@ from cylforce.service.plausibility.blocks import EVERY, LOAD, SAMPLES, BlockCons
 from cylforce.service.snapshot import Estimator
 from cylforce.signals.estimate import Array, Force, Status
 
-# Seconds in the air after which older ones have faded to 1/e: about a working cycle's, so that a new error soon counts;
-# 10 to 48 give the same standard errors on healthy machines.
+# Seconds in the air after which those of earlier lifts have faded to 1/e: about a working cycle's, so that a new error
+# soon counts; 10 to 48 give the same standard errors on healthy machines.
 MEMORY = 10.0
 CLASS = 2.0 / 3.0**0.5  # bar: standard error of a pressure sensor of class 0.5 and 400 bar, evenly within 2 bar
 MOST = 50.0  # logarithm of odds from which on an error is certain: beyond the precision of a probability, 1e-16
@@ -117,8 +117,9 @@ class UndetectedErrors(Estimator):
     def _take_second(self, block: Array) -> None:
         """Estimate the probable errors of the signals anew with one more second of the lift.
 
-        Load, friction and zeros are eliminated from the products of all rows; older seconds fade with MEMORY [s]. Each
-        error by itself is the one that explains the remaining residual best.
+        Load, friction and zeros are eliminated from the products of all rows; the seconds of earlier lifts fade with
+        MEMORY [s], those of the present lift do not. Each error by itself is the one that explains the remaining
+        residual best.
 
         block: (K, K) products of the rows [load (4) | friction and zeros (D) | errors (H) | residual] of this second
         """
@@ -127,9 +128,10 @@ class UndetectedErrors(Estimator):
         self.lift, self.before = self.lift + block, self.before * fading
         gram = self.before + self._without_load(self.lift)
         known = len(gram) - c.size - 1
-        changes = np.linalg.inv(gram[:known, :known] + np.eye(known))
+        changes = np.linalg.inv(gram[:known, :known] + np.eye(known))  # covariance of friction and zeros
+        # (H + 1, H + 1) products of [errors | residual] with friction and zeros eliminated
         own = gram[known:, known:] - gram[known:, :known] @ changes @ gram[:known, known:]
-        square = np.diagonal(own)[:-1]
+        square = np.diagonal(own)[:-1]  # (H,) information on each error by itself
         square = np.where(square > 0.0, square, np.inf)
         sizes = own[:-1, -1] / square
         certain = np.sqrt(np.maximum(sizes**2 - 1.0 / square, 0.0))
@@ -150,7 +152,9 @@ class UndetectedErrors(Estimator):
         return np.concatenate([known * sizes[:pressures], sizes[pressures:]])
 
     def _without_load(self, rows: Array) -> Array:
-        """Return the products (K-4, K-4) of a lift's rows with its own load eliminated, over samples that count as one.
+        """Return the products (K-4, K-4) of a lift's rows with its own load eliminated.
+
+        They are divided by `memory`, the number of samples that count as one independent sample.
 
         rows: (K, K) products of the columns [load (4) | friction and zeros | errors | residual]
         """
@@ -163,7 +167,7 @@ def off_probability(evidence: Array, residual: float, samples: float) -> float:
     """Return the probability that any of H signals has an error, a priori as probable for each as for none.
 
     evidence: (H,) squares of the errors that explain the torques best, each over its variance
-    residual: squares of the residual without an error
+    residual: sum of squares of the residual without an error, in squares of standard errors
     samples:  N, number of independent samples
     """
     scatter = max(1.0, (residual - float(evidence.max())) / samples)

@@ -24,7 +24,7 @@ class Channel:
     reason:      of the last received value, as a number of `Reason`
     good:        number of good values in a row
     equal:       number of equal values in a row while the machine moved
-    jumps:       number of values in a row that are off by a `step`
+    jumps:       number of values in a row that are implausible, because they are off by a `step`
     step:        difference from the value before the step [SI]
     last:        last implausible value [SI]
     stepped:     sum of the steps that were accepted after enough such values [SI]
@@ -53,7 +53,7 @@ class Channel:
 class FrameCounters:
     """Numbers of unexpected frames.
 
-    unknown: frames with an identifier of no sensor
+    unknown: frames with an identifier of no sensor's PDO, heartbeats among them
     short:   frames shorter than their mapping
     long:    frames longer than their mapping
     """

@@ -41,7 +41,7 @@ class ConstantOffset:
     """Most likely constant error of a signal.
 
     signal:    number of the signal in the blocks
-    size:      of the error [bar, rad]
+    size:      of the error, positive where the signal reads too large [bar over the head area, rad]
     evidence:  twice the log likelihood ratio, summed over the votes
     unsure:    whether the evidence is too large for status OK, with friction of its own in each block
     confirmed: whether, of every cylinder, blocks in which it extends and blocks in which it retracts are evidence, each
@@ -89,7 +89,8 @@ class VoteConstants(Constants):
 
         For each of H signals the best size of each block is tried on all blocks. A block votes for the error by twice
         the log likelihood ratio to an error that does no harm. Votes are summed from the block on that gives the
-        largest evidence.
+        largest evidence. Evidence above UNSURE is computed with one friction of all blocks, too; the smaller one
+        counts.
 
         blocks: (B, ...) evidence of each block about the errors [bar of a cylinder's force over its head area, rad]
         """
@@ -138,7 +139,7 @@ class VoteConstants(Constants):
 
 
 def scatter(blocks: Block) -> Array:
-    """Return the factor (B, 1), 1 or more, by which each block is less evidence (Birge ratio).
+    """Return the factor (B, 1), 1 or more, by which each block is less evidence (Birge ratio, squared).
 
     It is the mean square of an independent sample that remains with the best error of a signal, in units of its
     variance: above 1 the torques scatter more than at commissioning.
@@ -150,14 +151,18 @@ def scatter(blocks: Block) -> Array:
 
 
 def begins(votes: Array) -> int:
-    """Return the block from which on the sum of `votes` (B,) is largest."""
+    """Return the number of the block from which on, up to the last one, the sum of `votes` (B,) is largest."""
     return len(votes) - 1 - int(votes[::-1].cumsum().argmax())
 
 
 def both_ways(blocks: Block, votes: Array) -> bool:
     """Return whether both directions of motion of every cylinder are evidence, each by itself.
 
-    votes: (B,) of the blocks, in which cylinders extend or retract
+    For each cylinder, the votes of the blocks in which it extends must sum to more than UNSURE, and those of the blocks
+    in which it retracts, too.
+
+    blocks: B blocks, with the motion of the cylinders
+    votes:  (B,) votes for the error; those before the block at which the error begins do not count
     """
     if not blocks.ways.size:
         return False
@@ -197,7 +202,7 @@ class ConstantError(Detector):
             self.blocks, self.offset = no_blocks(self.constants.blocks.size), NO_OFFSET
 
     def on_sample(self, features: Features) -> None:
-        """Append a block of motion that has ended at this sample, and update the most likely constant error."""
+        """Append a block of motion that ended at this sample; update the most likely constant error and the report."""
         if features.blocks.block is not None:
             self.blocks = self.blocks.followed_by(features.blocks.block, KEPT)
             self.offset = self.constants.likeliest(self.blocks)

@@ -69,7 +69,8 @@ class DrivenConstants(Constants):
         """Return whether a measured force, less the part that a hanging mass explains, clearly drives the tool.
 
         It drives the tool if its component along the motion exceeds the smallest force that counts, and SURE standard
-        errors. Where the machine drives while it digs (wheel loader), only the vertical component counts.
+        errors. The part of a hanging mass is subtracted while the tool moves downwards, where its weight drives it.
+        Where the machine drives while it digs (wheel loader), only the vertical component counts.
 
         force: at the tool, with its covariance
         along: unit vector of the tool's motion, x + i z
@@ -158,6 +159,9 @@ class DrivenTool(Detector):
 
     def take(self, resultant: Force, velocity: complex, residual: Numbers, soil: Force | None = None) -> None:
         """Update the path with one sample. A force that resists reduces the path by the way of that sample.
+
+        The way of a driven sample counts as soon as the next sample is driven, too. A sample of a slow tool, or without
+        a known force, leaves the path unchanged.
 
         resultant: force of all that acts on the tool
         velocity:  of the tool, x + i z [m/s]

@@ -111,8 +111,9 @@ class EmptyBucket(Detector):
     def take(self, gross: Quantity, lift: Lift, drift: DriftFilter) -> None:
         """Update the fault with the gross weight of a lift, if that is the weight of an empty bucket.
 
-        As for a booking, the lift must continue for LATER_S, because the samples before the end of a lift are no
-        weight.
+        Such a weight is OK and at most EMPTY_BELOW rated payloads; any other one leaves the fault as it is. As for a
+        booking, an impossible weight must last for LATER_S within one lift, because the samples before the end of a
+        lift are no weight. A possible weight ends the fault at once.
 
         gross: weight less the operator's zero [kg]
         lift:  present lift, from which mass and first moments follow

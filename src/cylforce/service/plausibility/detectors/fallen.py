@@ -32,7 +32,7 @@ class BelowVacuum(MarkedPressures):
     """Pressures that were below vacuum."""
 
     def on_step(self, features: Features) -> None:
-        """Mark the pressures that stayed below vacuum for the last FALL_STEPS steps."""
+        """Mark the pressures that stayed below vacuum for the last FALL_STEPS steps; a mark stays."""
         recent = fallen(features)
         if recent is not None:
             self.mark(self.marked | (recent[-FALL_STEPS:].max(axis=0) < VACUUM), SensorFault.BELOW_VACUUM)
@@ -43,7 +43,9 @@ class BurstHose(MarkedPressures):
     """Pressures that fell to zero within 50 ms."""
 
     def on_step(self, features: Features) -> None:
-        """Mark the pressures that fell from above FALLS to below NOTHING [Pa] and stay there, but not below vacuum."""
+        """Mark the pressures that fell from above FALLS to below NOTHING [Pa] and stay there, but not below vacuum.
+
+        They fell within FALL_STEPS steps, and stayed for FALL_STEPS steps. A mark stays."""
         recent = fallen(features)
         if recent is None:
             return

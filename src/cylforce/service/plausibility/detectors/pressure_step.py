@@ -109,9 +109,10 @@ class StepTest:
         A step of s sensor noises (standard deviations) adds (s rise)^2 to the sum of squares of the residual, in units
         of the noise variance; `rise` is the product of a step of 1 with the orthonormal step. Let L = `least`.
 
-        A swap needs the ratio L / 2 of each of its two signals, without noise of earlier readings (`_misfit`):
-        FREE / 2 log(1 + (s rise)^2 / FREE) = L / 2. A step of one signal needs L, at best with a known noise
-        (Student's t, `_minus_log_likelihood`): n / 2 log(1 + (s rise)^2 / n) = L, with n = FREE + KNOWN.
+        A swap needs the ratio L / 2 of each of its two signals, without noise of earlier readings
+        (`_minus_log_likelihood_alone`): FREE / 2 log(1 + (s rise)^2 / FREE) = L / 2. A step of one signal needs L, at
+        best with a known noise (Student's t, `_minus_log_likelihood`): n / 2 log(1 + (s rise)^2 / n) = L, with
+        n = FREE + KNOWN.
 
         The gate is half of the smaller s; chosen, as room for noise and motion that act against the step.
         """
@@ -134,10 +135,10 @@ class StepTest:
         swaps = (self.pairs, len(self.swaps), self.most_pairs)
         # written by the kernel: (P, 2, smooth + 2) products of readings and curves, which are not used here; (2, P)
         # minus the log likelihoods [nats] of curves without and with a step
-        products, misfit = ZERO * (2 * size * (smooth + 2)), ZERO * (2 * size)
+        products, minus_logs = ZERO * (2 * size * (smooth + 2)), ZERO * (2 * size)
         # bit 0: a step is possible, bit 1: a swap is
-        possible = self.kernel.possible_steps(size, window, len(window), BEFORE, *limits, *swaps, products, misfit)
-        swapped = self._swapped(window, *np.frombuffer(misfit).reshape(2, size)) if possible & 2 else ()
+        possible = self.kernel.possible_steps(size, window, len(window), BEFORE, *limits, *swaps, products, minus_logs)
+        swapped = self._swapped(window, *np.frombuffer(minus_logs).reshape(2, size)) if possible & 2 else ()
         if swapped:
             signals = tuple(sorted(self.signals[p] for pair in swapped for p in pair))
             return SensorSuspicion(Level.SUSPECTED, SensorFault.SWAPPED, signals)
@@ -185,13 +186,13 @@ class StepTest:
 
         It is relative to the likelihood at the expected sum of squares, FREE times the variance; a smaller residual has
         0 as well. With a variance from earlier readings the distribution is Student's: that variance has KNOWN degrees
-        of freedom, the residual FREE. Without it the residual's own variance is used (`_misfit`).
+        of freedom, the residual FREE. Without it the residual's own variance is used (`_minus_log_likelihood_alone`).
 
         squared:  (P,) sum of squares of the residual [Pa^2]
         variance: (P,) of the noise of the earlier readings [Pa^2] (`_noise_before`); None: not known
         """
         if variance is None:
-            return self._misfit(squared, self._noise)
+            return self._minus_log_likelihood_alone(squared, self._noise)
         ratio = (KNOWN + squared / variance) / (KNOWN + FREE)  # 1 at the expected sum of squares
         return np.asarray(0.5 * (FREE + KNOWN) * np.log(np.maximum(ratio, 1.0)))
 
@@ -206,7 +207,7 @@ class StepTest:
         either = np.logaddexp(np.logaddexp(-plain, -stepped - self._any_step), -self._anything)
         return float(np.sum(either - log(3.0)))
 
-    def _misfit(self, squared: Array, noise: Array) -> Array:
+    def _minus_log_likelihood_alone(self, squared: Array, noise: Array) -> Array:
         """Return minus the log likelihood [nats] of a curve's residual, with the variance of this residual itself.
 
         The variance is the sum of squares over its FREE degrees of freedom, at least `noise`. The result is relative to
@@ -242,7 +243,7 @@ class StepTest:
         stepped: (P,) minus the log likelihoods [nats] of curves with a step
         """
         squared, blow = self._crossed(window), self._blow(plain, stepped)
-        crossed = self._misfit(squared, np.maximum(self._noise[:, None], self._noise))
+        crossed = self._minus_log_likelihood_alone(squared, np.maximum(self._noise[:, None], self._noise))
         better = np.diagonal(crossed)[:, None] - crossed  # (P, P): if the last readings are those of another
         ratio = [sum(2.0 * min(better[a, b], better[b, a]) for a, b in pairs) for pairs in self.swaps]
         most = int(np.argmax(ratio)) if ratio else 0
@@ -397,7 +398,8 @@ class PressureStep(Detector):
     def take(self, now: Numbers, steps: int, arrivals: Numbers) -> None:
         """Update the suspicion with the pressures of a step, if a reading is due at it.
 
-        A few missing readings are linearly interpolated.
+        A few missing readings are linearly interpolated. A reading is late if one of its values is from the same frame
+        as in the reading before.
 
         Beside a late or missing reading no step is concluded: the pressure has changed meanwhile by more than the
         readings' nominal interval explains.
@@ -430,7 +432,7 @@ class PressureStep(Detector):
             self._read(between, self.steps + self.constants.test.every, late=True)
 
     def _read(self, now: Numbers, steps: int, *, late: bool) -> None:
-        """Append one reading, and test for a step or swap that happened AFTER readings before it.
+        """Append one reading, and test for a step or swap just before the last AFTER readings, this one among them.
 
         Nothing is tested beside a late reading, or where no pressure changed by more than the gate.
 
@@ -463,9 +465,10 @@ class PressureStep(Detector):
     def vote(self, block: Block) -> None:
         """Update the votes against the suspicion with a second of motion, and end the suspicion with enough of them.
 
-        A suspected step loses by twice the log likelihood ratio of the second without and with it. Suspected swaps lose
-        by each second in a row that a load explains. A step that is not confirmed ends after KEPT_SECONDS seconds of
-        motion, at least VOTES of them in the air.
+        Against a suspected step a second votes by twice the log likelihood ratio without and with that step, at most
+        MOST either way. Against any other suspicion (swap, return into the range) each second votes by MOST that a load
+        explains; one that no load explains resets the votes. A step that is not confirmed ends after KEPT_SECONDS
+        seconds of motion, at least VOTES of them in the air. Seconds with samples from before the step have no vote.
 
         block: evidence of the second about the errors of the signals
         """

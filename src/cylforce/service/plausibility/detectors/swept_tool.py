@@ -76,7 +76,7 @@ class SweptTool(Detector):
         self.running = 0.0
 
     def on_sample(self, features: Features) -> None:
-        """Update the angle of slewing that no load explains with a sample, and suspect all pressures by its size."""
+        """Update the angle of slewing that no load explains with a sample; a large angle suspects all pressures."""
         self.slew(features.now.pipeline.smooth)
         if features.blocks.ended:
             self.end_block(features.blocks.explained)
@@ -89,7 +89,7 @@ class SweptTool(Detector):
     def slew(self, smooth: Array) -> None:
         """Add the angle by which the house slewed since the last sample, either way, to the running block [rad].
 
-        Without a slew sensor nothing is added.
+        `fast` is updated, too. Without a slew sensor nothing changes.
 
         smooth: (3, D) last three smoothed channels, the slew rate [rad/s] or slew angle [rad] last
         """
