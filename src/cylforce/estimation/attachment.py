@@ -15,11 +15,13 @@ from cylforce.mechanics.machine import Link
 from cylforce.signals.estimate import Array
 
 FLOOR = 1e-6  # of a variance of a tool's values, relative to the value's square and absolute [SI]; chosen
-SLEWING = 0.2  # relative standard error of a data sheet's parameters of slewing, as in `Model.prior`
+# Relative standard error of the change of slewing's parameters by the other tool; chosen. `Model.prior` has errors that
+# follow from each link's depth and tolerances instead (`priors/depth.py`).
+SLEWING = 0.2
 
 
 class Tool(NamedTuple):
-    """Inertia of a tool, with its pin as origin.
+    """Mass, first moments and moment of inertia of a tool, with its pin as origin.
 
     values:     (4,) m, m x, m z, J about the last pin [kg, kg m, kg m, kg m^2]
     covariance: (4, 4) of the values
@@ -53,7 +55,8 @@ def with_tool(tares: Tares, standard: Model, other: Model) -> Tares:
     (m, m x, m z, J about the last pin). The old tool's first moments and inertia are those in Phi. Its mass is that of
     its data sheet, corrected by the difference of these moments from the data sheet's. The new tool is that of its data
     sheet. The covariance contains the tolerances of the new tool, and the old tool's mass as far as its moments do not
-    determine it. The parameters of slewing change by the difference of the two data sheets.
+    determine it. The parameters of slewing change by the difference of the two data sheets, with a standard error of
+    SLEWING of that change. All else, such as row errors and scale, remains that of the identified tares.
 
     tares:    identified with the standard tool
     standard: model of the machine with the standard tool, its last link

@@ -27,10 +27,10 @@ class Fit(NamedTuple):
 
     values:     (K,) parameters
     covariance: (K, K) of the values
-    row_error:  (R,) rms residual per measured torque, rows set aside included [N m]
+    row_error:  (R,) rms residual per measured torque, rows set aside included, blocks weighted by `trust` squared [N m]
     excited:    (K,) whether the data determine the parameter without the prior
-    weakest:    (K, D) directions of the scaled parameters that the data do not determine
-    trust:      (B, R) weight of each block; 1: in full
+    weakest:    (K, D) directions that the data do not determine, of the parameters over their scale (`_scale`)
+    trust:      (B, R) factor on the rows of each block; 1: in full, less for an outlier
     memory:     number of consecutive samples whose residuals count as one independent residual
     """
 
@@ -65,7 +65,7 @@ class Converged(NamedTuple):
     """Robust least-squares fit without standard errors; with them it is a `Fit`.
 
     values:    (K,) parameters
-    row_error: (R,) rms residual per measured torque, rows set aside included [N m]
+    row_error: (R,) rms residual per measured torque, as in `Fit` [N m]
     memory:    number of consecutive samples whose residuals count as one independent residual
     """
 
@@ -91,10 +91,12 @@ def converged(data: Factors, row_error: Array, prior: Prior | None) -> Converged
 def best(data: Factors, weight: Array, prior: Prior | None) -> tuple[Array, float]:
     """Return (values (K,), smallest sum of squares) of weighted data and the prior.
 
-    With equal weights, models of the same data can be compared by this sum.
+    With equal weights, models of the same data can be compared by this sum. Unlike in `least_squares`, the sensors'
+    noise in the columns is not subtracted, and no block gets a smaller weight as an outlier.
 
     data:   B blocks of rows of R measured torques
     weight: (B, R) factor on the rows of each block
+    prior:  of the parameters; None: none
     """
     triangle, root = stacked_triangle(data, weight), _prior_rows(prior, data.triangle.shape[-1] - 1)
     values = _solved(triangle, np.zeros_like(triangle), root).values
@@ -105,7 +107,7 @@ def predicted(data: Factors, row_error: Array, prior: Prior | None, memory: floa
     """Return the mean squared prediction error per sample (B_out,) of each block left out, in squared row errors.
 
     The B_out blocks are predicted by one fit of the other blocks. This fit is corrected for the sensors' noise in the
-    columns (`_solved`). The mean is over the samples of all R measured torques.
+    columns (`_solved`); all its blocks count in full. The mean is over the samples of all R measured torques.
 
     data:      B blocks of rows of R measured torques, as triangular factors
     row_error: (R,) standard error of each row [N m]
@@ -124,7 +126,7 @@ class _Solution(NamedTuple):
     """Solution of weighted least squares.
 
     values: (K,) parameters
-    white:  (K, D) root of (A'A - N'N + L'L)^-1 = white white'
+    white:  (K, D) root of (A'A - N'N + L'L)^-1 = white white', see `_solved`; D directions that rows or prior determine
     """
 
     values: Array
@@ -135,11 +137,11 @@ class _Round(NamedTuple):
     """One pass of reweighting.
 
     solution:    of this pass
-    weight:      (B, R) factor on the rows of each block
+    weight:      (B, R) factor on the rows of each block: trust / row error / sqrt(memory)
     triangle:    (K+1, K+1) of the weighted rows
     memory:      on which this pass is based, see `Fit`
-    next_memory: for the next pass
-    trust:       (B, R) for the next pass
+    next_memory: for the next pass, from the residuals of this one
+    trust:       (B, R) for the next pass, from the residuals of this one, see `Fit`
     """
 
     solution: _Solution
@@ -175,7 +177,7 @@ def _round(data: Factors, row_error: Array, root: Array, trust: Array, memory: f
     data:      blocks of the recording
     row_error: (R,) standard error of a row [N m]
     root:      rows (..., K+1) of the prior, with errors of one
-    trust:     (B, R) weight of each block by its misfit; 1: in full
+    trust:     (B, R) factor on the rows of each block by its residuals in the last pass; 1: in full
     memory:    number of consecutive samples that count as one independent sample
     """
     weight = trust / row_error / np.sqrt(memory)
@@ -288,10 +290,10 @@ def _inflation(triangle: Array, meat: Array) -> float:
 
 
 def _trust(data: Factors, values: Array) -> Array:
-    """Return the weight (B, R) of every block of each of R rows, by its residuals at the parameters `values` (K,).
+    """Return the factor (B, R) on the rows of every block, by its residuals at the parameters `values` (K,).
 
-    It is 1, and less for a mean squared residual above OUTLIER times the row's median, so that weight^2 * square stays
-    at that bound. A disturbed block (contact, a bump) then counts less in the fit.
+    It is 1, and less where the block's mean squared residual of a measured torque exceeds OUTLIER times the median over
+    the blocks: factor^2 * mean square then equals that bound. A disturbed block (contact, a bump) counts less.
 
     data: B blocks of rows of R measured torques
     """
@@ -306,7 +308,8 @@ def _trust(data: Factors, values: Array) -> Array:
 def _scale(triangle: Array, prior: Prior | None) -> Array:
     """Return the scale of every parameter (K,), by which the parameters become comparable.
 
-    It is the prior's standard error, or without a prior the inverse norm of the parameter's column.
+    It is the prior's standard error, or without a prior the inverse norm of the parameter's column (1 for a column of
+    zeros).
 
     triangle: (K+1, K+1) of the weighted rows
     prior:    of the parameters; None: none
@@ -320,16 +323,17 @@ def _scale(triangle: Array, prior: Prior | None) -> Array:
 def _excitation(triangle: Array, scale: Array) -> tuple[Array, Array]:
     """Return whether the data determine each parameter (K,), and the directions (K, D) that they do not determine.
 
-    A direction is not determined if its singular value is less than RANK times the largest one. A parameter is
-    determined unless half of it or more lies in such directions.
+    Directions are unit vectors of the parameters over their scale. One is not determined if its singular value is less
+    than RANK times the largest one. A parameter is determined unless half of its unit vector or more lies in the space
+    of such directions.
 
     triangle: (..., K) of the rows, without the observed values
     scale:    (K,) of the parameters
     """
     _, singular, vectors = linalg.svd(triangle * scale)
-    lost = np.ones(triangle.shape[1], dtype=bool)
-    lost[: singular.size] = singular < RANK * max(singular[0], 1e-300)
-    weakest = vectors[lost].T
+    undetermined = np.ones(triangle.shape[1], dtype=bool)
+    undetermined[: singular.size] = singular < RANK * max(singular[0], 1e-300)
+    weakest = vectors[undetermined].T
     return np.linalg.norm(weakest, axis=1) < 0.5, weakest
 
 
@@ -337,7 +341,7 @@ def _row_rms(data: Factors, values: Array, trust: Array) -> Array:
     """Return the rms residual (R,) [N m] of each measured torque at parameters `values` (K,), rows set aside included.
 
     data:  B blocks of rows of R measured torques
-    trust: (B, R) weight of each block
+    trust: (B, R) factor on the rows of each block, so that its squared residuals have the weight `trust` squared
     """
     weight = trust**2
     squares = (residual_squares(data, values) + residual_squares(of_others(data), values)) * weight

@@ -210,7 +210,7 @@ def _each(data: Factors, change: Callable[[Array], Array]) -> Factors:
 def _halved(data: Factors) -> Factors:
     """Return the factors with neighbouring blocks merged in pairs; an odd last block remains.
 
-    Numbers of samples are added, marks are averaged with the samples as weights."""
+    Numbers of samples are added. Marks are averaged, with the numbers of fitted samples of all torques as weights."""
     size = len(data.samples) // 2 * 2
     even = Factors(*(part[:size] for part in data))
     samples, others = (part.reshape(size // 2, 2, -1) for part in (even.samples, even.others))
@@ -254,6 +254,9 @@ def chosen(data: Factors, columns: list[int]) -> Factors:
 def beside(data: Factors, combinations: Array) -> Factors:
     """Return the factors with M more columns, which are linear combinations of the existing ones.
 
+    The new columns follow the K existing ones, the observed values remain last. The factors (K+1, K+M+1) are no
+    triangles then, but still have the squares and products of the rows, which is all that a fit needs.
+
     data:         factors of K columns of R measured torques
     combinations: (R, K, M) coefficients of the new columns, for each measured torque
     """
@@ -274,19 +277,19 @@ def settled(data: Factors, columns: list[int], values: Array) -> Factors:
     rest = [k for k in range(data.triangle.shape[-1] - 1) if k not in set(columns)]
 
     def without(triangle: Array) -> Array:
-        left = triangle[..., -1:] - triangle[..., columns] @ values[:, None]
-        return np.concatenate([triangle[..., :-1], left], axis=-1)
+        observed = triangle[..., -1:] - triangle[..., columns] @ values[:, None]
+        return np.concatenate([triangle[..., :-1], observed], axis=-1)
 
     return chosen(_each(data, without), rest)
 
 
 def of_row(data: Factors, row: int) -> Factors:
-    """Return the factors of one measured torque alone."""
+    """Return the factors of one measured torque alone, as number `row` of the R; R = 1 in the result."""
     return Factors(*(part[:, [row]] for part in data))._replace(mark=data.mark)
 
 
 def of_noise(data: Factors) -> Factors:
-    """Return the factors of the sensors' noise in place of those of the data."""
+    """Return the factors of the sensors' noise (`noise`) in place of those of the fitted rows (`triangle`)."""
     return data._replace(triangle=data.noise)
 
 
@@ -314,9 +317,13 @@ def stacked_triangle(data: Factors, weight: Array) -> Array:
 
 
 def residual_squares(data: Factors, values: Array) -> Array:
-    """Return the sum of squared residuals (B, R) of every block at parameters `values` (K,), in squared torque."""
-    left = data.triangle @ np.append(values, -1.0)
-    return np.asarray(np.sum(left**2, axis=-1))
+    """Return the sum of squared residuals (B, R) of every block, in the squared unit of the observed values.
+
+    data:   factors of B blocks of R measured torques
+    values: (K,) parameters
+    """
+    residual = data.triangle @ np.append(values, -1.0)
+    return np.asarray(np.sum(residual**2, axis=-1))
 
 
 def scores(data: Factors, values: Array) -> Array:
@@ -329,5 +336,5 @@ def scores(data: Factors, values: Array) -> Array:
     """
     if _is_nothing(data.triangle):
         return _zeros((*data.triangle.shape[:-2], len(values)))
-    left = -data.triangle @ np.append(values, -1.0)
-    return np.asarray((np.swapaxes(data.triangle, -1, -2) @ left[..., None])[..., :-1, 0])
+    residual = -data.triangle @ np.append(values, -1.0)
+    return np.asarray((np.swapaxes(data.triangle, -1, -2) @ residual[..., None])[..., :-1, 0])

@@ -73,9 +73,9 @@ class Channels:
 
     @cached_property
     def _by_length(self) -> dict[int, int]:
-        """Cylinder whose measured length gives the joint's angle, by joint."""
-        seen = [c for c in range(len(self.machine.cylinders)) if (Kind.CYLINDER_LENGTH, c) in self._where]
-        return {self.machine.spans[c][0]: c for c in seen}
+        """Number of the cylinder whose measured length gives a joint's angle, by the number of the joint."""
+        measured = [c for c in range(len(self.machine.cylinders)) if (Kind.CYLINDER_LENGTH, c) in self._where]
+        return {self.machine.spans[c][0]: c for c in measured}
 
     @cached_property
     def by_length(self) -> tuple[tuple[int, int, int], ...]:
@@ -262,7 +262,10 @@ class Channels:
         return np.asarray(clear & (moving.length > low) & (moving.length < high))
 
     def run(self, values: Array) -> Moved:
-        """Return the motion in the T-1 intervals of a recording (T, S) without gaps."""
+        """Return the motion in the T-1 intervals between the samples of a recording.
+
+        values: (T, S) samples of all signals [SI], without gaps
+        """
         return self.between(fours(self.smoothed(self.course(values))))
 
     def course(self, values: Array) -> Array:
@@ -291,8 +294,12 @@ class Channels:
         return np.asarray(rate[:, -3] - slew * np.tan(middle[:, -2]) * np.cos(middle[:, -3]))
 
     def smoothed(self, channels: Array) -> Array:
-        """Return channels (T, D) after the low-pass, settled at the first sample.
+        """Return the channels (T + 2, D) after the low-pass, which is settled at the first sample.
 
-        The first sample is put twice before the others, so that (T+2, D) samples give T-1 intervals."""
+        The first filtered sample is put twice before all T of them, so that their groups of four (`fours`) give the
+        T - 1 intervals between the samples.
+
+        channels: (T, D) channels of a recording, without gaps
+        """
         _, smooth = self.smooth.run(self.smooth.steady(channels[0]), channels)
         return np.concatenate([smooth[:1], smooth[:1], smooth])

@@ -15,7 +15,10 @@ from cylforce.mechanics.installation import Filters
 
 @dataclass(frozen=True)
 class FastFilters:
-    """Filters of the rows of the instant. Their momentum and static columns are those of the weighing.
+    """Filters of the rows of the instant.
+
+    The cylinder forces pass `quick`, the rate of the momentum columns `slow`; static columns pass no filter of theirs.
+    Momentum and static columns, before the filters, are those of the weighing.
 
     filters: rates and cut-off frequencies of the machine file [Hz]
     """
@@ -29,12 +32,12 @@ class FastFilters:
 
     @cached_property
     def quick(self) -> Filter:
-        """Low-pass of the forces."""
+        """Low-pass of the cylinder forces, of second order."""
         return second_order(self.filters.force_hz, self.dt)
 
     @cached_property
     def slow(self) -> Filter:
-        """Low-pass of the inertia."""
+        """Low-pass of the torque of inertia, of first order."""
         return first_order(self.filters.inertia_hz, self.dt)
 
     @property

@@ -33,7 +33,7 @@ class Filter:
         return late[0] - late[1]
 
     def zero(self, shape: tuple[int, ...]) -> Array:
-        """Return the state after an input of zeros, for samples of this shape."""
+        """Return the state (order, *shape) after an input of zeros, for samples of this shape."""
         return np.zeros((len(self.a) - 1, *shape))
 
     def steady(self, x: Array) -> Array:
@@ -98,7 +98,8 @@ def first_order(cutoff_hz: float, dt: float) -> Filter:
 def poles(*stages: Filter) -> Filter:
     """Return the low-passes `stages` in series, with their poles only and gain 1.
 
-    `mean` adds the zeros; `slope` of the same output gives the derivative. Both therefore need one filter only."""
+    `mean` of its last four outputs adds the zeros; `slope` of the same outputs gives the derivative. Both therefore
+    need one filter only."""
     a = np.ones(1)
     for stage in stages:
         a = np.convolve(a, stage.a)
@@ -129,7 +130,7 @@ def fours(x: Array) -> Array:
 
 
 def denoised(x: Array, rate_hz: float) -> Array:
-    """Return a recording x (T,) without the white noise of its sensor and without delay (Wiener filter, 1949).
+    """Return a recording x (T,) of one sensor with its white noise removed, without delay (Wiener filter, 1949).
 
     rate_hz: samples per second [Hz]
 

@@ -31,8 +31,8 @@ from cylforce.mechanics.machine import Machine, base_parameter_covariance, base_
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-# Friction laws that a model may contain; with them the delay of the angles, which looks like friction while empty, and
-# the weight of linkages' bars, which the links represent in the mean only.
+# Friction laws that a model may contain; with them the delay of the angles behind the forces, which looks like friction
+# while empty, and the weight of linkages' bars and of cylinders, which the links represent in the mean only.
 BARS = "rocker"
 FRICTION = ("coulomb", "viscous", "delay", "load_dependent", "directional", "stribeck", BARS)
 
@@ -141,7 +141,8 @@ class Model:
     def empty(self) -> Regressor:
         """Columns of the empty machine's effects, by which its joint torques are columns @ parameters.
 
-        The effects are gravity and inertia, centrifugal terms where slewing is measured, and the friction laws."""
+        The effects are gravity and inertia, centrifugal terms where slewing is measured, and those named in `friction`:
+        friction laws, the delay of the angles behind the forces, the weight of linkages' bars and of cylinders."""
         rounding = self.filters.direction_speed
         laws: dict[str, ForceLaw] = {
             "coulomb": CoulombFriction(rounding),
@@ -162,14 +163,14 @@ class Model:
 
     @cached_property
     def filtered(self) -> FilteredRegressor:
-        """All K columns with their filters: of the P parameters, tool, friction at rest and pressure zeros."""
+        """All K columns with the filters of the weighing: P parameters, tool (3), friction at rest (C), zeros (C)."""
         effects = (*self.empty.effects, TipForce(), AtRest(self.filters.direction_speed), PressureZero())
         f = self.filters
         return FilteredRegressor(Regressor(self.machine, effects), 1.0 / f.rate_hz, f.regressor_hz, f.smoothing_hz)
 
     @cached_property
     def fast(self) -> FastFilters:
-        """Filters of these columns for the instant, for the force at the tool."""
+        """Filters of the rows of the instant, from which the force at the tool is computed."""
         return FastFilters(self.filters)
 
     @cached_property
@@ -184,19 +185,20 @@ class Model:
 
     @cached_property
     def tool(self) -> slice:
-        """Columns of the tool's force and moment."""
+        """Places of the tool's three columns among all K: force forwards, force upwards, moment."""
         return slice(len(self.parameters), len(self.parameters) + 3)
 
     @cached_property
     def at_rest(self) -> slice:
-        """Columns of the unknown friction at rest."""
+        """Places of the columns of the unknown friction at rest among all K, one per cylinder."""
         first = len(self.parameters) + 3
         return slice(first, first + len(self.machine.cylinders))
 
     def share_at_rest(self, columns: Array) -> Array:
         """Return the share (..., R), 0 to 1, of each measured joint's lever with friction of unknown direction.
 
-        At rest the direction of friction is unknown; in motion the share is 0.
+        At rest the direction of friction is unknown: the share is 1. It falls to 0 as the cylinders move faster. The
+        lever is the sum of the sizes of the levers of the cylinders that act on the joint.
 
         columns: (..., R, K) all columns of filtered rows
         """
@@ -206,7 +208,7 @@ class Model:
 
     @cached_property
     def zero(self) -> slice:
-        """Columns of the pressures' zero errors."""
+        """Places of the columns of the pressures' zero errors among all K, one per cylinder."""
         return slice(len(self.parameters) + 3 + len(self.machine.cylinders), None)
 
     @cached_property
@@ -214,9 +216,10 @@ class Model:
         """Relative standard error of the torque computed from pressures, by the data sheet.
 
         It combines the piston areas, the gain of the pressure sensors, and the lever with its two pins in mid-range, at
-        the innermost measured joint. A recording of the empty machine cannot reduce it; a lift of a known weight can.
-        At a loader's arm only the lift cylinders count: the lever of the tilt cylinder, and with it its torque, may
-        vanish there."""
+        the innermost measured joint. Of several cylinders the largest error counts. A recording of the empty machine
+        cannot reduce it; a lift of a known weight can. A cylinder that also acts on a joint beyond does not count,
+        unless all do: at a loader's arm only the lift cylinders count, because the lever of the tilt cylinder, and with
+        it its torque, may vanish there."""
         middle = np.array([(link.angle_low + link.angle_high) / 2.0 for link in self.machine.links])
         lever = np.abs(self.machine.geometry(middle).lever[:, self.machine.rows[0]])
         own = [c for c in self.acting[0] if max(self.machine.spans[c]) == self.machine.rows[0]] or self.acting[0]
@@ -238,7 +241,7 @@ class Model:
 
     @cached_property
     def coulomb(self) -> list[int]:
-        """Columns of the Coulomb friction."""
+        """Numbers of the columns of the Coulomb friction, one per cylinder; empty without that law."""
         return [k for k, p in enumerate(self.parameters) if p.name.endswith(".coulomb")]
 
     @cached_property
@@ -259,7 +262,7 @@ class Model:
 
     @cached_property
     def acting(self) -> tuple[tuple[int, ...], ...]:
-        """Numbers of the cylinders that act on the joint of each measured torque."""
+        """For each of the R measured torques the numbers of the cylinders that act on its joint."""
         spans = self.machine.spans
         return tuple(tuple(c for c, span in enumerate(spans) if j in span) for j in self.machine.rows)
 
@@ -275,8 +278,10 @@ class Model:
     def prior(self) -> Prior:
         """Prior mean and covariance of the P parameters: the data sheet with its tolerances, before any recording.
 
-        The parameters are J [kg m^2], X, Z [kg m] of each link, then those of slewing, friction and delay, of which
-        only the order of magnitude is known. Usual values of the machine's type replace those of the data sheet."""
+        The parameters are J [kg m^2], X, Z [kg m] of each link, then those of slewing from the data sheet, of friction
+        and delay, of which only the order of magnitude is known, and of linkages' bars and cylinders (`with_bars`).
+        Usual values of the machine's type replace those of the data sheet. A millionth of the square of each J, X and
+        Z, and 0.01 [SI], are added to its variance, so that none is exact."""
         n = 3 * self.machine.size
         size = len(self.parameters)
         mean, covariance = np.zeros(size), np.zeros((size, size))
@@ -325,7 +330,9 @@ class Model:
 
     @cached_property
     def data_sheet(self) -> Tares:
-        """Tares of a machine that was not identified: the prior, with row errors of 2 % of the weight's torque."""
+        """Tares of a machine that was not identified: the prior's mean and covariance.
+
+        The row errors are 2 % of the torque of the links' weight, as if each link were level: 0.02 g sum |X|."""
         scale = np.array([0.02 * 9.8 * abs(np.sum(np.abs(self.prior.mean[1::3][: self.machine.size])))])
         rows = np.broadcast_to(scale, (len(self.machine.rows),))
         names = tuple(p.name for p in self.parameters)

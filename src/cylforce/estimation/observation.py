@@ -48,9 +48,11 @@ class Observed(NamedTuple):
 
 
 def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
-    """Yield pieces (T, S) of at most CHUNK_SECONDS of a recording, so that it is processed in constant memory.
+    """Yield pieces (T, S) of a recording, so that it is processed in constant memory.
 
-    Pieces overlap by the settling time of the filters, so that only the first samples of a segment are lost.
+    A piece has CHUNK_SECONDS and the settling time of the filters, less at the end of a segment. Pieces overlap by that
+    settling time, which `observe` omits, so that only the first samples of a segment are lost. A segment that is not
+    longer than the settling time is omitted.
 
     segments: stretches of samples (T, S) of all signals [SI] without gaps
     """
@@ -65,11 +67,11 @@ def chunks(model: Model, segments: Iterable[Array]) -> Iterator[Array]:
 def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) -> Observed:
     """Return the filtered rows of a stretch of samples: measured joint torques [N m] and the columns that explain them.
 
-    The settling time of the filters is omitted. Rows with an unusable lever or unknown direction of friction have NaN
-    as torque.
+    The settling time of the filters is omitted: T samples give T - 1 - `settle_steps` rows of each torque. Rows with an
+    unusable lever or unknown direction of friction (a share above REST_SHARE) have NaN as torque.
 
     values: (T, S) samples of all signals [SI], without gaps
-    first:  step of the recording at which the stretch begins
+    first:  step of the recording at which the stretch begins, from which the artificial noise is counted (`noise_like`)
     noisy:  whether the sensors' noise is estimated; False: taken as zero, in half the time
     """
     moved = model.channels.run(values)
@@ -78,10 +80,10 @@ def observe(model: Model, values: Array, first: int = 0, *, noisy: bool = True) 
     torque = np.where(np.logical_or(unusable(model, moved), unknown > REST_SHARE), np.nan, rows.torque)
     posture = np.diff(moved.motion.a, axis=1, prepend=0.0)
     own, tool = rows.columns[..., : len(model.parameters)], rows.columns[..., model.tool]
-    exact = np.broadcast_to(0.0, (*torque.shape, model.tool.stop + 1))
-    noise, late = _noise(model, rows, values, first) if noisy else exact, slice(model.settle_steps, None)
-    seen = (own[late], torque[late], posture[late], moved.motion.speed[late], tool[late])
-    return Observed(*seen, noise[late], unknown[late] < CERTAIN_SHARE, rows.columns[late][..., model.zero])
+    without = np.broadcast_to(0.0, (*torque.shape, model.tool.stop + 1))
+    noise, settled = _noise(model, rows, values, first) if noisy else without, slice(model.settle_steps, None)
+    parts = (own[settled], torque[settled], posture[settled], moved.motion.speed[settled], tool[settled])
+    return Observed(*parts, noise[settled], unknown[settled] < CERTAIN_SHARE, rows.columns[settled][..., model.zero])
 
 
 def _noise(model: Model, rows: Rows, values: Array, first: int) -> Array:
@@ -109,24 +111,24 @@ def unusable(model: Model, moved: Moved) -> NDArray[np.bool_]:
 
 
 def noise_like(values: Array, first: int) -> Array:
-    """Return white noise (T, S) as strong as that of samples, the same at every call.
+    """Return white noise (T, S) [SI] as strong as that of samples, the same at every call.
+
+    Its size at each step is the standard deviation of the sensor's noise, from the third differences of the samples, in
+    which smooth motion vanishes: the rms of NEAR of them around the step, over sqrt(20), each cut off at the quantile
+    NOISE_SHARE. Its signs are a maximal-length sequence, a different part of it for each signal.
 
     values: (T, S) samples of all signals [SI]
-
-    Its level is estimated from their third differences, in which smooth motion vanishes. Its signs are a maximal-length
-    sequence, a different part of it for each signal.
-
-    first: step of the recording from which the sequence is counted
+    first:  step of the recording at which they begin, so that each step has its own place in the sequence
     """
     from scipy import ndimage
 
     steps, signals = values.shape
     differences = np.abs(np.diff(values, n=3, axis=0, prepend=values[:2], append=values[-1:]))
     squares = np.minimum(differences, np.quantile(differences, NOISE_SHARE, axis=0)) ** 2 / 20.0
-    size = np.sqrt(np.maximum(ndimage.uniform_filter1d(squares, min(NEAR, steps), axis=0), 0.0))
+    deviation = np.sqrt(np.maximum(ndimage.uniform_filter1d(squares, min(NEAR, steps), axis=0), 0.0))
     signs = _signs()
     places = first + np.arange(steps)[:, None] + np.arange(signals) * (signs.size // signals)
-    return np.asarray(size * signs[places % signs.size])
+    return np.asarray(deviation * signs[places % signs.size])
 
 
 @cache
@@ -152,7 +154,7 @@ def block_factors(model: Model, observed: Observed, *, noisy: bool = True) -> Fa
     neglected. The marks are in the order of `observed_factors`.
 
     observed: filtered rows of the stretch
-    noisy:    see `observe`
+    noisy:    whether `observed.noise` is used; False: taken as zero
     """
     columns, noise = np.concatenate([observed.columns, observed.tool, observed.zero], axis=-1), None
     if noisy:
@@ -180,6 +182,8 @@ def _marks(observed: Observed) -> Array:
 
 def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = True) -> Factors:
     """Return the triangular factors of a recording's rows, in blocks, from which the parameters are fitted.
+
+    A block has BLOCK_SECONDS; of a recording with more than MOST_BLOCKS neighbouring blocks are merged.
 
     segments: stretches of samples (T, S) of all signals [SI] without gaps
 

@@ -74,9 +74,9 @@ def forget(root: Root, columns: Array, keep: float) -> Root:
     Nothing is forgotten in directions that these rows do not measure, hence nothing while the machine is parked
     (SIFt-RLS, arXiv 2404.10844). With Q an orthonormal basis of U columns', U <- (I - (1 - sqrt(keep)) Q Q') U leaves
     the estimate unchanged."""
-    seen = root.factor @ columns.T
-    basis, size, _ = np.linalg.svd(seen, full_matrices=False)
-    basis = basis[:, size > FORGETTING_RANK * max(float(size[0]), 1e-300)] if size[0] > 0.0 else basis[:, :0]
+    vectors = root.factor @ columns.T
+    basis, sigma, _ = np.linalg.svd(vectors, full_matrices=False)
+    basis = basis[:, sigma > FORGETTING_RANK * max(float(sigma[0]), 1e-300)] if sigma[0] > 0.0 else basis[:, :0]
     lose = (1.0 - np.sqrt(keep)) * basis  # U <- U - (1 - sqrt(keep)) Q Q' U
     return Root(root.factor - lose @ (basis.T @ root.factor), root.right - lose @ (basis.T @ root.right))
 

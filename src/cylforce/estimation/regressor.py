@@ -131,7 +131,10 @@ class Regressor:
         return momentum[..., self._rows], static[..., self._rows]
 
     def torque(self, moving: Motion) -> Array:
-        """Return the measured torque (..., R) [N m]."""
+        """Return the measured torque (..., R) [N m]: the sum of the cylinders' forces times their levers.
+
+        moving: motion of the machine at one or more instants (...)
+        """
         return joint_torque(moving)[..., self._rows]
 
 
@@ -165,8 +168,8 @@ class FilteredRegressor:
     """Filtered rows S (d/dt L momentum + L static) = S L torque: L low-pass of first order, S low-pass of second order.
 
     Both are one filter with two numerators: `filters.slope` for the momentum, `filters.mean` for static columns and
-    torque. At the start the momentum filter is settled at its first input and the others are at zero. The identity then
-    holds from the first sample on.
+    torque. At the start the filter of the momentum is settled at its first input. That of static columns and torque
+    begins as after an input of zero (`_begun`). The identity then holds from the first sample on.
 
     regressor:    the columns before the filters
     dt:           fixed step [s]
@@ -199,8 +202,8 @@ class FilteredRegressor:
     def _begun(self, static: Array) -> Array:
         """Return the state (3, ...) of the filter `mean` before the first sample `static` (...).
 
-        It is as if the input had been zero until then. The first groups of four samples contain only a part of a step
-        since then: 0, 1/3 and 2/3 of it for the first three outputs."""
+        The input was zero before. Of a step to `static`, the mean of four samples is made 0, 1/3 and 2/3 at the first
+        three outputs, then the whole: so `slope` responds to a momentum that begins to rise evenly with this step."""
         return np.stack([share * static for share in self.shares])
 
     @cached_property
@@ -223,7 +226,11 @@ class FilteredRegressor:
         return Rows(columns, self.mean.run(self._begun(torque[0]), torque)[1])
 
     def left(self, moving: Motion, values: Array) -> Array:
-        """Return the residual of the filtered torque (T, R) [N m] along a recording, for parameters `values` (P,)."""
+        """Return the filtered residual torque (T, R) [N m] along a recording: measured less that of the parameters.
+
+        moving: motion of the machine, whose leading axis is time, T steps
+        values: (P,) parameters of all effects
+        """
         momentum, static = self.regressor.products(moving, values)
         return self.filtered(-momentum, self.regressor.torque(moving) - static)
 

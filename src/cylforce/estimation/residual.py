@@ -21,10 +21,10 @@ REST_SECONDS = 10.0
 
 
 class Residual(NamedTuple):
-    """Residual torque of the tares at one instant.
+    """Residual torque of the tares at one instant; of several (..., R).
 
     torque:   (R,) residual [N m]
-    variance: (R,) of the torque, without friction at rest [N^2 m^2]
+    variance: (R,) of the torque by the model's errors, without those of the tares and of friction at rest [N^2 m^2]
     rest:     (R,) variance of the unknown friction at rest [N^2 m^2]
     columns:  (R, P) of the tares
     """
@@ -38,10 +38,11 @@ class Residual(NamedTuple):
 def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     """Return the residual torque r = scale (torque - W Phi - drift) of one instant [N m], with its variances.
 
-    Of the empty machine it is zero but for errors; else it is the torque of a load or of a force at the tool.
+    Of the empty machine it is zero but for errors; else it is the torque of a load or of a force at the tool. Several
+    instants may be computed at once, with leading axes.
 
     tares: Phi (P,), of the model's parameters
-    rows:  of the instant: columns (R, K), which begin with W (R, P), and torques (R,) [N m]
+    rows:  of the instant: columns (R, K), which begin with W (R, P), and measured torques (R,) [N m]
     drift: (R,) torque of the adapted friction and zeros [N m]
     """
     size = len(model.parameters)
@@ -54,8 +55,8 @@ def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
 def _at_rest(model: Model, tares: Tares, rows: Rows) -> Array:
     """Return the standard error (..., R) [N m] of the measured torques by friction at rest, whose direction is unknown.
 
-    The share of each cylinder's lever with friction of unknown direction has an error of its Coulomb friction plus the
-    part of friction that grows with the force. That force times the lever is the row's torque.
+    A cylinder at rest adds its lever times two errors: its Coulomb friction, and the part of friction that grows with
+    its force (`by_load`). For the second, its force times its lever is taken as the row's whole torque.
 
     tares: identified parameters, Coulomb friction [N] among them
     rows:  columns (..., R, K) and torques (..., R) [N m]

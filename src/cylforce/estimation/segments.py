@@ -46,8 +46,9 @@ def parts(pieces: Iterable[Array], longest: int, size: int, least: int) -> Itera
     `size` + `least` rows.
 
     pieces:  (T, S) the recording, one piece after the other
-    longest: rows of a gap that is filled by interpolation
-    least:   rows of the shortest stretch that is used
+    longest: rows of a gap up to which it is filled by interpolation
+    size:    rows of a part
+    least:   rows of the shortest stretch that is used; shorter ones are omitted
     """
     count, pending = 0, None  # rows so far, and the part that may go on in the next piece
     for piece in pieces:

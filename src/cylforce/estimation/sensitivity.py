@@ -24,9 +24,9 @@ class Sensitivity:
     """A recording and the model that explains it, at a reduced rate.
 
     Sizes: T samples of S signals, T' samples at the reduced rate, D channels (joint angles, cylinder forces, motion of
-    the base), R measured torques, P parameters.
+    the base), R measured torques, P parameters. Motion and residuals belong to the T' - 1 intervals between samples.
 
-    model:  the model
+    model:  the model, with the reduced rate in its filters
     tares:  (P,) its parameters
     values: (T, S) samples of the recording [SI]
     low:    low-pass before the reduction of the rate
@@ -40,21 +40,27 @@ class Sensitivity:
     thin: int
 
     def of_readings(self, more: Array, less: Array) -> Array:
-        """Return the residual of samples `more` (T, S) minus that of samples `less` (T, S), as (T', R) [N m]."""
+        """Return the residual of samples `more` minus that of samples `less`, as (T' - 1, R) [N m].
+
+        more, less: (T, S) the recording with some signals changed, or itself [SI]
+        """
         if more is less:
             return self._nothing
         machine = self.model.machine
         return self._difference(*((machine, self._motion(self._channels(each))) for each in (more, less)))
 
     def of_machines(self, more: Machine, less: Machine) -> Array:
-        """Return the residual with the machine `more` minus that with the machine `less`, as (T', R) [N m]."""
+        """Return the recording's residual with the machine `more` minus that with `less`, as (T' - 1, R) [N m].
+
+        more, less: machines with the same sensors, links or cylinders of which may differ
+        """
         if more is less:
             return self._nothing
         return self._difference(*((machine, self._altered(machine)) for machine in (more, less)))
 
     @property
     def _nothing(self) -> Array:
-        """No change of the residual, zeros (T', R) [N m]."""
+        """No change of the residual, zeros (T' - 1, R) [N m]."""
         return np.zeros((len(self.thinned) - 1, len(self.model.machine.rows)))
 
     @cached_property
@@ -63,7 +69,7 @@ class Sensitivity:
         return self._thinned(self.values)
 
     def _thinned(self, values: Array) -> Array:
-        """Return samples (T', ...) at the reduced rate, from samples (T, ...) after the low-pass."""
+        """Return samples (T', ...) at the reduced rate: samples `values` (T, ...), low-passed, every `thin`-th one."""
         return np.asarray(self.low.run(self.low.steady(values[0]), values)[1][:: self.thin])
 
     def _channels(self, values: Array) -> Array:
@@ -85,7 +91,7 @@ class Sensitivity:
 
     @cached_property
     def _means(self) -> tuple[Array, Array]:
-        """Channels in the middle of four samples, and their rates."""
+        """Means of the recording's smoothed channels over four samples, and their rates [1/s], each (T' - 1, D)."""
         return self._between(self._plain)
 
     def _between(self, channels: Array) -> tuple[Array, Array]:
@@ -95,18 +101,19 @@ class Sensitivity:
 
     @cached_property
     def _geometry(self) -> Geometry:
+        """Levers, lengths and transmissions of the model's cylinders along the recording, T' - 1 postures."""
         return self.model.machine.geometry(self._means[0][:, : self.model.machine.size])
 
     @cached_property
     def motion(self) -> Motion:
-        """Motion of the recording."""
+        """Motion of the model's machine along the recording, T' - 1 instants."""
         return self.model.channels.moved(*self._means, self._geometry).motion
 
     def _motion(self, channels: Array) -> Motion:
-        """Return the motion of the model's machine from channels (T', D), of which some differ from the recording's.
+        """Return the motion (T' - 1 instants) of the model's machine from channels (T', D), some of them changed.
 
-        Where only forces differ, the motion is the recording's with these forces; where no joint angle differs, the
-        geometry is the recording's."""
+        If only forces differ from the recording's channels, the motion is the recording's with these forces. If no
+        joint angle differs, the geometry is the recording's."""
         differs, forces = _changed(channels, self._plain), self.model.channels.forces
         middle, rate = (each.copy() for each in self._means)
         middle[:, differs], rate[:, differs] = self._between(channels[:, differs])
@@ -116,7 +123,7 @@ class Sensitivity:
         return self.model.channels.moved(middle, rate, known).motion
 
     def _altered(self, machine: Machine) -> Motion:
-        """Return the motion that the recording's samples mean on another machine.
+        """Return the motion (T' - 1 instants) that the recording's samples mean on another machine.
 
         machine: with the same sensors, but another geometry, such as a cylinder of another length
         """
@@ -126,7 +133,7 @@ class Sensitivity:
         return channels.moved(*means).motion
 
     def _difference(self, more: tuple[Machine, Motion], less: tuple[Machine, Motion]) -> Array:
-        """Return the residual torque (T', R) [N m] of one machine and motion less that of another one.
+        """Return the residual torque (T' - 1, R) [N m] of one machine and motion less that of another one.
 
         Effects that are the same in both are omitted, which saves time.
 
@@ -139,7 +146,9 @@ class Sensitivity:
         return self._filter.filtered(*(a - b for a, b in zip(one, two, strict=True)))
 
     def _unfiltered(self, machine: Machine, moving: Motion, alike: list[Effect]) -> tuple[Array, Array]:
-        """Return the residual of momentum [N m s] and of static torque [N m], each (T', R), before the filters.
+        """Return the residual of momentum [N m s] and of static torque [N m], each (T' - 1, R), before the filters.
+
+        The residual torque is d/dt of the first plus the second.
 
         machine: whose geometry and effects are used
         moving:  its motion
@@ -158,7 +167,7 @@ class Sensitivity:
 
 
 def _linked(machine: Machine) -> tuple[tuple[Link, ...], float]:
-    """Return the parts of a machine that do not belong to its cylinders."""
+    """Return the parts of a machine that do not belong to its cylinders: links, distance of the slew axis [m]."""
     return machine.links, machine.slew_axis
 
 

@@ -113,10 +113,11 @@ def move_point(p: KernelPlan, number: Count, body: Count, x: Number, z: Number) 
 def move_four_bar(p: KernelPlan, c: Count) -> Number:
     """Compute the motion of the four-bar of cylinder c (riders END, its rocker, and EYE), and return its transmission.
 
-    The transmission is the sine of the angle between rocker and connecting link; 0 at a dead point, -1 where the
-    linkage cannot be closed. The connecting link keeps its length: bar . (d base / d angle) = sine spin, with base from
-    PIN to LINK, bar from LINK to END, and spin the derivative of the rocker's angle. A rider is a moving point: place
-    x, z [m], velocity [m/s], derivatives of the place by each joint's angle [m/rad], and their rates.
+    The transmission is the sine of the angle between rocker and connecting link, near 0 close to a dead point. It is -1
+    exactly at a dead point, or where the linkage cannot be closed; both riders remain as they were then. The connecting
+    link keeps its length: bar . (d base / d angle) = sine spin, with base from PIN to LINK, bar from LINK to END, and
+    spin the derivative of the rocker's angle. A rider is a moving point: place x, z [m], velocity [m/s], derivatives of
+    the place by each joint's angle [m/rad], and their rates.
 
     Read: riders PIN and LINK, the bars' lengths in `p.bars`
 

@@ -145,7 +145,7 @@ def chosen() -> Kernel:
 
 @contextmanager
 def using(kernel: Kernel) -> Iterator[None]:
-    """Use a kernel for all that is made within the block, to compare or to watch kernels."""
+    """Let `chosen` return this kernel within the block, to compare kernels or to count their calls."""
     before = _given.set(kernel)
     try:
         yield

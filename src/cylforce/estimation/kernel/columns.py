@@ -289,8 +289,9 @@ def columns(p: KernelPlan) -> None:
 
     The channels are N joint angles [rad], C cylinder forces [N], with an inertial sensor on the base its rate of
     rotation [rad/s] and specific force forwards and upwards [m/s^2], then pitch and roll [rad], and slew rate [rad/s]
-    or, if that is not measured, slew angle [rad] (`Channels.moved`). g + i h is the specific force of the first pin:
-    that of the sensor at r, less (i alpha - omega^2) r, or else gravity (g upwards, h forwards, in true axes).
+    or, if that is not measured, slew angle [rad] (`Channels.moved`). The specific force of the first pin (g upwards, h
+    forwards, in true axes) is that of the sensor at r, less (i alpha - omega^2) r and without the part of slewing; or
+    else gravity.
 
     Read: `p.middle` and `p.rate` (D,), channels and their rates per second
 

@@ -47,10 +47,10 @@ class KernelDrift:
 
     Limits of the adaptation (`service.adaptation`):
     certain:   largest share of the lever with friction of unknown direction, at which a row is used
-    keep:      share of the old information that an update keeps
+    keep:      share of the old information that an update keeps, in the directions of its rows
     memory:    number of updates that count as one independent measurement
-    prior:     number of measurements that count as much as the prior spread of the drift
-    shown:     share of the difference by which an update changes the drift in kilograms
+    prior:     number of drifts that count as much as the prior variance does in `scale` (`estimate_scale`)
+    shown:     share of the difference by which an update changes the drift in kilograms (`smoothed_mass`)
     mean:      prior mean of the usual carry-back, in its standard errors
 
     Model:
@@ -114,8 +114,9 @@ class KernelDrift:
 
         sizes:   numbers of measured torques (r), of columns (k) and of unknowns (n): 5 of the carry-back, D drifts
         limits:  certain, largest share of a lever with friction of unknown direction; keep, share of the information
-                 that an update keeps; memory, updates that count as one measurement; prior, measurements for which the
-                 prior spread counts; shown, share of an update of the mass; mean, usual carry-back before any return
+                 that an update keeps; memory, updates that count as one measurement; prior, drifts for which the prior
+                 variance counts; shown, share of an update of the mass; mean, prior mean of the usual carry-back in its
+                 standard errors
         counts:  arrays of integers: columns of the drifts and their kinds, places of a load among the parameters, room
                  for the rows to use, columns of friction at rest and of Coulomb friction
         numbers: arrays of numbers: shares of a load in the parameters, prior standard errors of the unknowns, limits of
@@ -398,6 +399,8 @@ def estimate_drift(a: KernelDrift, scale: Numbers, update: Numbers) -> None:
     Read and written:
     update: (`layout.DriftLayout`) triangle U (N, N) and right-hand side z (N,) are read; drift (D,), covariance (D, D)
             and scale (2,) are written. z changes where the drift is limited
+
+    Written: `a.basis`, whose first N numbers become the estimate of the unknowns; `a.matrix`, `a.inverse` and `a.row`
     """
     n, d, covariance, right = a.n, a.n - DRIFT, update_covariance(a), update_right(a)
     information_matrix(a, scale, update)
@@ -499,7 +502,8 @@ def limit_drift(a: KernelDrift, update: Numbers) -> None:
 def smoothed_mass(a: KernelDrift, columns: Numbers, mass: Number, update: Numbers) -> Number:
     """Return the mass [kg] that the empty bucket would show without the adaptation, smoothed over updates.
 
-    It is the mass of a load that best explains the torque of the drift, by least squares over the rows.
+    It is the mass at the last pin (a load m without first moments and inertia) that best explains the torque of the
+    drift, by least squares over all R rows. The result moves towards it by the share `a.shown`.
 
     mass:    after the last update [kg]
 

@@ -60,7 +60,7 @@ class Kernel(Protocol):
         lift: Flat,
         /,
     ) -> int:
-        """Return whether an instant fits the load of a lift: 0 no, 1 yes, 2 yes and a usable row moves.
+        """Return whether an instant fits the load of a lift: 0 no (or no row is usable), 1 yes, 2 yes and one moves.
 
         Read are `rows` (columns, then measured torques [N m]), `residual` (residual torques [N m], their variances),
         the variance by a rocking base [N^2 m^2] (`base_variance`), which rows are `usable`, the steps for which each
@@ -87,8 +87,8 @@ class Kernel(Protocol):
         """Update the state of a lift with one instant if it fits, and compute the mass and centre of its load.
 
         Arguments and result are those of `gate`: the instant (`rows`, `residual`, `base_variance`, `usable`), the steps
-        for which each row has `rested`, the `drift` with `drift_covariance`. `lift` is updated, `work` is room,
-        `conclusion` is written: mass [kg], centre [m], their standard errors. Shapes and units:
+        for which each row has `rested`, the `drift` with `drift_covariance`. `lift` is updated, `work` is written as by
+        `gate`, `conclusion` is written: mass [kg], centre [m], their standard errors. Shapes and units:
         `weighed.weigh_load`."""
 
     def unexplained_torque(
@@ -236,11 +236,11 @@ class Kernel(Protocol):
     ) -> None:
         """Compute the variance [N^2 m^2] that a rocking base adds to each row (measured torque), into `base_variance`.
 
-        While `learning`, the `variances` of the base's accelerations [m^2/s^4] move by `share` towards what the torque
-        shows that the load of the `lift` does not explain (`rows`, `residual` at these `channels`), unless its misfit
-        exceeds `largest_misfit`. `prior` is the prior information on an acceleration, `tilt_variance` the least
-        variance, from the tilt. `unexplained`, `values` and `levers` are room. Shapes and units:
-        `recognised.rocking_variance`."""
+        While `learning`, the `variances` of the base's accelerations [m^2/s^4] move by `share` towards the square of
+        the acceleration that best explains the residual torque less that of the load of the `lift` (`rows`, `residual`
+        at these `channels`). They do not if the mean square of that torque over its variance exceeds `largest_misfit`.
+        `prior` is the prior information on an acceleration, `tilt_variance` the least variance, from the tilt.
+        `unexplained`, `values` and `levers` are room. Shapes and units: `recognised.rocking_variance`."""
 
     def turn_force(
         self, p: Plan, channels: Flat, x: float, z: float, joints: Counts, angles: int, first: int, torques: Flat, /
@@ -284,8 +284,9 @@ class Kernel(Protocol):
 
         Read are the instant's `columns` and `residual` torques of the `number` rows that `rows_for_drift` listed, the
         variance by a rocking base (`base_variance`), and from the last update the information (`factor`, `right`), the
-        drift (`values`), the `scale` of its spread, and the `mass` [kg] that the empty bucket would show. `update` is
-        written, with the same parts. Shapes and units: `drifting.update_drift`."""
+        drift (`values`), the `scale` of its spread, and the `mass` [kg] that the empty bucket would show without this
+        drift. `update` is written: these parts anew, and the drift's covariance. Shapes and units:
+        `drifting.update_drift`."""
 
     # pressures.py
     def may_step(self, p: int, readings: Flat, before: int, gates: Flat, /) -> int: ...
@@ -313,7 +314,8 @@ class Kernel(Protocol):
         `bends` smooth `curves` through `size` readings [Pa], with a step after `before` of them and without, are
         compared by their likelihood: `noise` is the sensors' variance [Pa^2], `free` and `known` are degrees of
         freedom. The log likelihood ratio must exceed `least`. `pairs` lists `swaps` swaps of at most `most` pairs.
-        `products` and `misfit` are written. Shapes and units: `pressures.possible_steps`."""
+        `products` (room) and `misfit`, minus each log likelihood, are written. Shapes and units:
+        `pressures.possible_steps`."""
 
     def add_group(self, p: int, readings: Flat, begin: int, way: Flat, moves: float, groups: Flat, /) -> None: ...
     def compare_groups(self, p: int, groups: Flat, work: Flat, ratios: Flat, /) -> int: ...
@@ -338,4 +340,5 @@ class Kernel(Protocol):
         A noise is gone if the last groups vary less than the `limits` limits in `quiet`, shares of the noise before;
         `tenth` is the first decile of the noise of groups as a share of the white noise. Read are means and variances
         of the last `number` `groups` and the `stated` variances of the sensors [Pa^2]. `work` is room, `state` is
-        updated: noise of earlier groups, number of groups since it is gone. Shapes: `pressures.update_noise`."""
+        updated: noise of earlier groups, number of groups since it is gone; once gone, it remains so here. Shapes:
+        `pressures.update_noise`."""

@@ -5,7 +5,8 @@ The state is one array:
 signals (S, 11): value, time of the last accepted and of the last value [us], reason, good, equal and implausible values
                  in a row, step, last implausible value, accepted steps, time after which the last value was measured
                  [us] (see `Channel`)
-PDOs (P, 3):     time [us], excess, time of a second producer [us] (see `PdoRate`)
+PDOs (P, 3):     time of the last frame [us], surplus of frames, time of the last sign of a second producer [us] (see
+                 `PdoRate`)
 nodes (M, 3):    time of the heartbeat [us], state, whether a boot-up was received
 counters (5):    frames with an unknown identifier, too short, too long; time of the last one that was too long, and of
                  the last frame of another node with our identifiers [us]
@@ -52,13 +53,13 @@ SHORT_FRAMES: Count = 1
 LONG_FRAMES: Count = 2
 LONG_US: Count = 3  # time of the last frame that was too long [us]
 NEVER: Number = -4611686018427387904.0  # us, a time before all others
-LARGEST: Number = 1.7976931348623157e308
+LARGEST: Number = 1.7976931348623157e308  # the largest finite number
 JUMPS_BELIEVED: Number = 100.0  # implausible values in a row after which the new level is accepted as real; chosen
 # A frame may be early by up to a period, and CAN itself may deliver one frame twice (error in the last bit of its end):
 # any excess above these two was sent by another node
 EXCESS: Number = 2.0
 FORGOTTEN: Number = 0.9  # factor on a producer's allowance with each regular frame: gone in 0.2 s; chosen
-OPERATIONAL: Number = 5.0
+OPERATIONAL: Number = 5.0  # state of a node (CANopen NMT) in which it sends PDOs
 GOOD: Number = 0.0  # reasons by their numbers, see `signals.estimate.Reason`
 STALE: Number = 3.0
 OUT_OF_RANGE: Number = 4.0
@@ -397,7 +398,8 @@ def usable(p: KernelInputs, state: Numbers, t_us: Number, sample: Numbers) -> Co
 
     Written:
     sample: (2 S + 2,) (`layout.SampleLayout`): value of each signal [SI]; reason why each is not usable, a number of
-            `Reason`, GOOD if it is (S,); reason why one of them is late, GOOD before; number of stepped signals
+            `Reason`, GOOD if it is (S,); reason why the last value of a usable signal was refused or is late, unchanged
+            if there is none, so that it must be GOOD before the call; number of stepped signals
     """
     reasons, late, stepped = p.s, 2 * p.s, 2 * p.s + 1  # places in `sample`, after the values
     for k in range(p.s):

@@ -175,7 +175,7 @@ class DriftLayout:
     values:     (D,) drift of frictions [N, N s/m] and pressure zeros [N]
     covariance: (D, D) of the drift
     scale:      (2,) variance of this machine's frictions, and that of its zeros, in units of the prior variances
-    mass:       that the empty bucket would show without the adaptation [kg]
+    mass:       that the empty bucket would show without the adaptation, as a mass at the last pin [kg]
     size:       of all numbers
     """
 
@@ -216,7 +216,8 @@ class SampleLayout:
 
     values:  (S,) values [SI]
     reasons: (S,) reason why each is not usable, as a number of `Reason`
-    late:    reason why a signal, usable still, has no recent value, of the last such signal, as a number of `Reason`
+    late:    reason why the last value of a signal was refused or is late, though an older one is still used; of the
+             last such signal, as a number of `Reason`
     stepped: number of signals whose value jumped implausibly and stayed there
     size:    of all numbers
     """
@@ -224,8 +225,8 @@ class SampleLayout:
     def __init__(self, signals: int) -> None:
         """Compute the places of the parts in the sample of a tick (an instant of the fixed step), for S `signals`.
 
-        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason why the last late one is
-        late, number of signals whose value jumped implausibly and stayed there."""
+        The parts follow one another: values (S,), reasons (S,) why each is not usable, reason `late`, number of signals
+        whose value jumped implausibly and stayed there."""
         self.values, self.reasons = slice(0, signals), slice(signals, 2 * signals)
         self.late, self.stepped = 2 * signals, 2 * signals + 1
         self.size = 2 * signals + 2

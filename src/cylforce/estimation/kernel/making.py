@@ -72,9 +72,11 @@ def plan(model: Model, kind: Callable[..., KernelPlan]) -> KernelPlan:
 def _arguments(model: Model) -> tuple[Counts, Numbers, list[Counts], list[Numbers]]:
     """Return a machine's geometry, columns and filters as the four arguments of the kernel's class `KernelPlan`.
 
-    They are: numbers of joints, cylinders, measured torques, columns, channels and laws, and flags; gravity [m/s^2],
-    places [m] and fixed step [s]; arrays of integers (numbers of rows, cylinders, bodies and columns); arrays of
-    numbers (lengths, pins, bars, stops [m], constants of the laws, coefficients of the filters, room for results)."""
+    They are: numbers of joints, cylinders, measured torques, columns, channels and laws, steps for which a bad lever
+    spoils a row, two flags, first column of the tool; gravity [m/s^2], distance of the first pin from the slew axis and
+    place of the inertial sensor [m], fixed step [s]; arrays of integers (numbers of rows, cylinders, bodies and
+    columns); arrays of numbers (lengths, pins, bars, stops [m], constants of the laws, coefficients of the filters,
+    room for results)."""
     machine, table = model.machine, _Table(model)
     n, c, r = machine.size, len(machine.cylinders), len(machine.rows)
     k, d = len(table.names), n + c + (6 if model.channels.inertial else 3)
@@ -181,8 +183,9 @@ class _Table:
     def used(self) -> tuple[list[int], list[int]]:
         """Return the places in a (R, K) table that can differ from zero, and those of them that have momentum.
 
-        A place is row K + column. A link moves the joints before it. A cylinder acts on the joints that it spans, and
-        its weight also on those that carry it."""
+        A place is row K + column. A link's columns can differ from zero in the torques of its own joint and of those
+        before it, a force law's columns in those of the joints that the cylinder spans. Columns of the tool, and of the
+        weight of bars and cylinders, can in all torques. Columns J, X, Z of links and these weights have momentum."""
         machine, size = self._model.machine, len(self.names)
         farthest = {k: i // 3 for i, k in enumerate(self.rigid)} | {k: i // 2 for i, k in enumerate(self.slewed)}
         farthest |= {self.names["tip.x"] + i: machine.size for i in range(3)}
@@ -207,7 +210,8 @@ def _rows(machine: Machine) -> list[int]:
 def _levers(machine: Machine, columns: int) -> list[int]:
     """Return three numbers for each pair of a measured joint and a cylinder that acts on it.
 
-    The numbers are the place of the lever in a (C, N) table, the place row K + cylinder, and the cylinder.
+    The numbers are the place of the lever in a (C, N) table; row K + cylinder, to which the first column of a force law
+    is added for the place of its column in a (R, K) table; and the cylinder.
 
     columns: K
     """

@@ -49,12 +49,12 @@ class KernelPlan:
     quick:            (5,) low-pass of the forces
     settled:          (2,) its state settled at 1
     slow:             (3,) low-pass of the inertia
-    middle, rate:     (D,) channels and their rates
+    middle, rate:     (D,) smoothed channels and their rates [1/s]
     q, qd, turn, level, hinge: angles, rates, directions and pins of the links, see `bodies.set_links`
     riders:           points that move, see `bodies`
     lever:            (C, N) [m/rad]
     speed:            (C,) [m/s]
-    pushes:           (C,) force of a law
+    pushes:           (C,) force of a law per unit of its parameter
     good:             (C,) 1 where a cylinder's force is used
     momentum, static: (R, K) columns
     torque:           (R + 1,) measured torques [N m], then the squared slew rate [rad^2/s^2]

@@ -25,7 +25,8 @@ CODES: Count = 2  # readings with no more different values than this show the se
 def may_step(p: Count, readings: Numbers, before: Count, gates: Numbers) -> Count:
     """Return 1 if one of the P pressures steps at a reading by more than its gate, else 0.
 
-    Its change must also exceed by the gate the change that the readings around it predict.
+    Two quantities must exceed the gate: its change from the last reading before the step to the first one after it, and
+    that change less the mean of the changes just before and just after it.
 
     p:        P, number of pressures
     before:   number of readings before the step
@@ -68,7 +69,8 @@ def possible_steps(
 
     The readings of a pressure around the step are fitted by smooth curves, with and without a step. In the ratio the
     noise before the step counts as known, or not; the larger ratio counts. In a swap, the readings of one pressure
-    before the step continue those of another one.
+    before the step continue those of another one. The ratio of a swap is the sum, over its pairs, of twice the smaller
+    of both pressures' log likelihood ratios; there the noise never counts as known.
 
     p:         P, number of pressures
     size:      T, number of readings
@@ -233,12 +235,13 @@ def squares_of(x: Numbers, begin: Count, step: Count, size: Count, middle: Numbe
 def ranked(x: Numbers, begin: Count, step: Count, size: Count, above: Number, place: Count, work: Numbers) -> Number:
     """Return the number at a `place`, from 0 on, in ascending order of those that are larger than `above`.
 
-    The numbers are `size` of them, every `step`th of x from `begin` on.
+    The numbers are `size` of them, every `step`th of x from `begin` on; more than `place` of them must be larger than
+    `above`.
 
     Read: x
 
     Written:
-    work: (place + 1,) the smallest of them in order
+    work: room of (place + 2,), of which the first place + 1 get the smallest of these numbers in order
     """
     many = 0
     for k in range(size):
@@ -305,7 +308,9 @@ def update_noise(
 ) -> None:
     """Update the noise of the pressures whose cylinder moved, with one group of readings.
 
-    A sensor whose noise is gone may be frozen. Noise measured while it is gone is not stored.
+    A sensor whose noise is gone may be frozen (`less_than_known`). Noise measured while it is gone is not stored, and
+    here it does not come back: the caller sets this pressure's `state` to 0 to begin anew. Groups of CODES different
+    readings or fewer do not show that noise is gone.
 
     p:        P, number of pressures
     size:     T, number of readings of the group

@@ -157,10 +157,11 @@ def tool_force(
 
 @inner
 def explain_by_weight(s: KernelSolver, force: Numbers) -> None:
-    """Compute the weight of the mass in the bucket that explains most of a force, and the misfit that it leaves.
+    """Compute the weight of the mass in the bucket that explains most of a force, and the clearness of the rest.
 
     The weight is the w downwards of 0 to `s.heaviest` [N] that minimises (f + w z)' C^-1 (f + w z), with z upwards and
-    C the covariance of the force f. The misfit, the clearness of a contact, is that minimum.
+    C the covariance of the force f. The clearness of a contact is that minimum: the squared distance from zero, in
+    standard errors, of the force without the weight.
 
     Read and written:
     force: (`layout.ForceLayout`) force x, z [N] and its covariance (2, 2) [N^2] are read; weight [N] and clearness are
@@ -324,7 +325,7 @@ def solve_force(s: KernelSolver, rows: Numbers, columns: Count, usable: Numbers,
     """Compute the force at the tool by weighted least squares with its prior, from the usable rows.
 
     With L L' the covariance of the torques and A (R, T) the columns of the tool, (A' (L L')^-1 A + prior)^-1 is the
-    covariance of the T unknowns.
+    covariance of the T unknowns. The gain of a row that is not usable is 0.
 
     columns: place in `rows` of the columns of the instant
 
@@ -456,7 +457,9 @@ def published_forces(
 def publish(
     s: KernelSolver, x: Number, z: Number, xx: Number, xz: Number, zz: Number, clear: Number, shown: Numbers
 ) -> None:
-    """Compute a published force from its components, and add the error of the scale.
+    """Compute a published force from its components, and add the error of the scale (`s.scale_error` times the force).
+
+    The standard error of the size is that along the force; where the direction is not certain, that along and across.
 
     x, z:       force [N]
     xx, xz, zz: its covariance without that of the scale [N^2]

@@ -225,10 +225,11 @@ def turn_force(
     first: Count,
     torques: Numbers,
 ) -> None:
-    """Compute the torque by which an angle error of one radian changes the effect of a force at the tool.
+    """Compute by how much an angle that reads one radian too large changes the residual torque less that of a force.
 
-    The error turns all links beyond its joint, and with them the point of application. In the torque of joint j the
-    force seems to be turned about the farther one of j and the joint of the error.
+    The force at the tool is known, and its modelled torque is subtracted. The error turns all links beyond its joint,
+    and with them the tool, about that joint. With (a, b) the place of the tool, forwards and upwards [m], from the
+    farther one of joint j and the joint of the error, the torque of joint j changes by -(a x + b z) per radian.
 
     x, z:     force at the tool, forwards and upwards [N]
     angles:   number of angle errors
@@ -402,7 +403,7 @@ def accelerate(
 
     The accelerations (a, b) that best explain the torque are the weighted least squares of two unknowns, with a prior
     at zero. Each variance moves by a `share` towards the square of its acceleration, less the variance of this
-    estimate.
+    estimate, and is at least 0.
 
     tilt_variance:  least variance of either acceleration [m^2/s^4]
     share:          by which a variance moves towards its new value

@@ -24,25 +24,25 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def record(made: type[C]) -> type[C]:
-    """Return a class with fixed fields."""
+    """Mark a class as a record with fixed fields, which Cython compiles; return it unchanged."""
     return made
 
 
 def inner(function: F) -> F:
-    """Return a function that only the kernel itself calls."""
+    """Mark a function that only the kernel itself calls, which Cython makes a function of C; return it unchanged."""
     return function
 
 
 def whole(number: Number) -> Count:
-    """Return a whole number as an integer."""
+    """Return a number without a fraction as an integer."""
     return int(number)
 
 
 def as_numbers(given: Numbers) -> Numbers:
-    """Return an array that a record keeps, as the kernel's functions take it."""
+    """Return an array that a record keeps, as the kernel's functions take it: unchanged; compiled, its pointer."""
     return given
 
 
 def as_counts(given: Counts) -> Counts:
-    """Return an array of integers that a record keeps, as the kernel's functions take it."""
+    """Return an array of integers that a record keeps, as the kernel's functions take it (see `as_numbers`)."""
     return given

@@ -301,7 +301,7 @@ def instant_forces(p: KernelPlan, old: Numbers, channels: Numbers, new: Numbers,
     """Compute torques, levers and reversing cylinders of the instant.
 
     The forces pass a quick low-pass of second order of their own. A cylinder is about to reverse if its speed, changed
-    for AHEAD_S at its low-passed acceleration, has the other sign.
+    for AHEAD_S at its low-passed acceleration, has the other sign, and that acceleration exceeds STARTING either way.
 
     first: 1 where the filters begin with this step, else 0
 

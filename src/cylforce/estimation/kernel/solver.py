@@ -25,7 +25,7 @@ class KernelSolver:
 
     Tares:
     scale:        factor on the residual torque
-    scale_error:  standard error of `scale`
+    scale_error:  relative standard error of weights and forces by the scale (`Tares.reported_scale_error`)
     relative:     model error as a share of the residual torque
     values:       (P,) tares
     covariance:   (P, P) of the tares
@@ -112,8 +112,9 @@ class KernelSolver:
 
         sizes:   numbers of measured torques (r), columns (k), tares (p), cylinders (c), drifts (d) and unknowns at the
                  tool (t); first columns of friction at rest, of the tool and of Coulomb friction
-        limits:  factor on the residual torque, its standard error, model error as a share of the torque; limits of the
-                 weighing (gate to longest_rest) and of the force (keep to heaviest), as in `solving.Limits`
+        limits:  factor on the residual torque, relative standard error of weights and forces by it, model error as a
+                 share of the torque; limits of the weighing (gate to longest_rest) and of the force (keep to heaviest),
+                 as in `solving.Limits`
         counts:  arrays of integers: columns of the drift, places of a load among the tares, and three arrays of room
         numbers: arrays of numbers: shares of a load in the tares, tares, their covariance, errors of the rows [N m],
                  Coulomb frictions [N], prior information on the force; four arrays of room; room for a sparse vector;

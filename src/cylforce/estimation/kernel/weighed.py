@@ -147,11 +147,11 @@ def gate(
 ) -> Count:
     """Return whether an instant fits the load of a lift: 0 no, 1 yes, 2 yes and a usable row moves.
 
-    It fits if the mean over the usable rows of innovation^2 / variance is at most `s.gate`. The innovation is the
-    residual torque less that of the load so far. Its variance is that of the row, of the load, of the drift (`s.cold`
-    standard errors, but at most `s.drifted` times the row's variance) and of friction at rest (`s.break_away` standard
-    errors). A row that has been at rest for more than `s.longest_rest` steps is not used for the load: its friction is
-    one unknown for the whole rest.
+    Without a usable row it does not fit. It fits if the mean over the usable rows of innovation^2 / variance is at most
+    `s.gate`. The innovation is the residual torque less that of the load so far. Its variance is that of the row, of
+    the load, of the drift (`s.cold` standard errors, but at most `s.drifted` times the row's variance) and of friction
+    at rest (`s.break_away` standard errors). A row that has been at rest for more than `s.longest_rest` steps is not
+    used for the load: its friction is one unknown for the whole rest.
 
     Read:
     rows:             (R, K) columns; then (R,) measured torques [N m]
@@ -166,8 +166,9 @@ def gate(
 
     Written:
     work:             (8, R) (`GateLayout`): columns of the load (R, 4); residual torque before the drift is
-                      subtracted (R,) [N m]; variance of its error, by which it is weighted (R,) [N^2 m^2]; 1 where a
-                      row is to be used for the load, else 0 (R,); `rested` after this instant (R,)
+                      subtracted (R,) [N m]; variance of its error with which the row is weighted, enlarged for
+                      correlated samples (R,) [N^2 m^2]; 1 where a row is to be used for the load, else 0 (R,); `rested`
+                      after this instant (R,)
     """
     load = s.short_work
     columns_of_load(s, rows, s.k, work)
@@ -412,6 +413,8 @@ def sensitivity(lift: Numbers, component: Count, size: Count, first: Count, slop
 
 def conclude(s: KernelSolver, lift: Numbers, drift: Numbers, drift_covariance: Numbers, conclusion: Numbers) -> None:
     """Compute mass and centre of the load of a lift, with their standard errors.
+
+    The centre is the first moment over the mass; over 1 kg where the mass is less than 1 kg either way.
 
     Read:
     lift:             state of the lift (`LiftLayout`)

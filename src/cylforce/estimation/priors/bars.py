@@ -94,7 +94,7 @@ def with_bars(machine: Machine, names: tuple[str, ...], prior: Prior) -> Prior:
     mean, covariance = prior.mean.copy(), prior.covariance.copy()
     mean[columns] = [g.mean for g in guesses]
     covariance[columns, columns] = [g.standard_error**2 for g in guesses]
-    taken = 2.0 * np.eye(len(names)) - represented(machine, names)
+    taken = 2.0 * np.eye(len(names)) - represented(machine, names)  # 2 I - S: subtracts from the links what S adds
     return Prior(taken @ mean, taken @ covariance @ taken.T)
 
 
