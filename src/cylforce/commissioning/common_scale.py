@@ -23,7 +23,8 @@ UNKNOWN = 1000.0  # prior standard error of the scale: uninformative
 UNIFORM = 3.0**0.5  # a tolerance over its standard error: it is the half-width of a uniform distribution (GUM 4.3.7)
 FORCES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)  # signals that have the common scale
 CHECKED = "unit (bar, psi, MPa), range and decimal digits (CiA 404: 6132h) of all pressure sensors"
-# Measured over true pressure when a unit or a decimal digit is mistaken: 1 bar is 14.504 psi.
+# Measured over true pressure when a unit or a decimal digit is mistaken: 1 bar is 14.504 psi. In "A for B" the sensor
+# sends its value in A, and the machine file takes it for B.
 MISTAKES = (
     (0.01, "two decimal digits"),
     (0.1, "one decimal digit, or MPa for bar"),
@@ -39,7 +40,8 @@ class CommonScale(NamedTuple):
 
     factor:         the estimate, 1 where the identified masses are those of the data sheet
     standard_error: of the factor, from the data sheet's tolerances and the recording
-    limit:          largest |factor - 1| that the tolerances allow
+    limit:          |factor - 1| beyond which the factor counts as wrong: HEAVY standard errors, or what the figures of
+                    the links explain when all of them use up their tolerances, if that is more
     """
 
     factor: float
@@ -73,7 +75,10 @@ class CommonScale(NamedTuple):
 
     @property
     def _mistake(self) -> str:
-        """Return the mistake whose factor is nearest and within HEAVY standard errors; "" where none is."""
+        """Return the words of the one of MISTAKES whose factor is nearest in ratio; "" where none is near enough.
+
+        Near enough: its logarithm differs by less than HEAVY standard errors, which are relative to a factor below 1.
+        """
         if self.factor <= 0.0:
             return ""
         distance = {words: abs(log(self.factor / factor)) for factor, words in MISTAKES}
@@ -82,11 +87,11 @@ class CommonScale(NamedTuple):
 
 
 def common_scale(model: Model, data: Factors, noise: Array) -> CommonScale:
-    """Return the common scale s of the measured torques, from least squares.
+    """Return the common scale s of the measured torques, with its limit, from least squares.
 
     The rows are torque = W (Phi + (s - 1) Phi_sheet). Phi has the data sheet as prior, s has none.
 
-    data: factors of the empty machine
+    data: factors of a recording of the empty machine, for the P parameters of the model
     noise: (R,) standard error of each measured torque [N m]
     """
     scaled = model.prior.mean.copy()
@@ -103,9 +108,11 @@ def common_scale(model: Model, data: Factors, noise: Array) -> CommonScale:
 
 
 def _worst_tolerances(model: Model, fit: Fit, prior: Prior) -> float:
-    """Return how far the scale seems off when all figures of the links use up their tolerances in the worst direction.
+    """Return |s - 1| of a right scale when all figures of the links use up their tolerances in the worst direction.
 
     With A the rows and C the prior's covariance, the estimate changes with the prior's mean by (A'A + C^-1)^-1 C^-1.
+
+    fit, prior: of the P parameters and, last, of s - 1
     """
     spread = base_parameter_spread(model.machine.links)
     change = fit.covariance[-1] @ np.linalg.inv(prior.covariance)
@@ -113,7 +120,10 @@ def _worst_tolerances(model: Model, fit: Fit, prior: Prior) -> float:
 
 
 def rescaled(model: Model, values: Array, factor: float) -> Array:
-    """Return samples (T, S) with all measured forces divided by a factor."""
+    """Return samples with all pressures and force pins (FORCES) divided by a factor; the others are unchanged.
+
+    values: (T, S) samples [SI], not changed
+    """
     changed = values.copy()
     changed[:, [s.kind in FORCES for s in model.machine.signals]] /= factor
     return changed

@@ -32,7 +32,11 @@ class Law(NamedTuple):
 
 
 def laws(model: Model) -> list[Law]:
-    """Return the laws that the tares of any machine obey."""
+    """Return the laws that the tares of any machine obey: J m >= X^2 + Z^2 of each link, then signs.
+
+    No parameter whose name ends as in NEVER_NEGATIVE is negative. Bars that lie on both sides of their rocker's pin are
+    excepted: their first moment may have either sign.
+    """
     place = {p.name: k for k, p in enumerate(model.parameters)}
     heaviest = np.cumsum([k.mass + MASS_BOUND * k.mass_error for k in model.machine.links[::-1]])[::-1]
     bodies = [_body(link.name, place, float(m)) for link, m in zip(model.machine.links, heaviest, strict=True)]
@@ -86,7 +90,8 @@ def violations(model: Model, values: Array, error: Array | None = None) -> tuple
 def consistent(model: Model, tares: Tares) -> Tares:
     """Return the nearest tares that break no law, in the metric of their covariance.
 
-    Tares that break no law are returned unchanged. Raises ValueError when no consistent tares are found.
+    Only the values change; the covariance remains that of the fit. Tares that break no law are returned unchanged.
+    Raises ValueError when no consistent tares are found.
     """
     if not violations(model, tares.values):
         return tares

@@ -54,12 +54,12 @@ class Missing(NamedTuple):
     """Motion that is still missing.
 
     joint: number of the joint
-    low: least angle of `drive` of the bin [rad]
-    high: greatest angle of `drive` of the bin [rad]
+    low: least angle of `drive` of its neighbouring bins that lack this motion [rad]
+    high: greatest angle of `drive` of these bins [rad]
     way: direction of its cylinder
     pace: slow or fast
-    seconds: recorded time [s]
-    needed: needed time [s]
+    seconds: recorded time, summed over these bins [s]
+    needed: needed time, summed over these bins [s]
     """
 
     joint: int
@@ -105,7 +105,8 @@ def _mover(machine: Machine, j: int) -> int:
 def coverage(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
     """Return the time of motion (M, BINS, 2, 2) [s] per joint, bin of its angle, direction and pace of its cylinder.
 
-    The coverage of a recording is the sum over its pieces. Angles beyond the range count in the outermost bin.
+    The last two axes are numbered as `Way` and `Pace`. The coverage of a recording is the sum over its pieces. Angles
+    beyond the range count in the outermost bin.
 
     posture: (T, N) angles of `drive` [rad]
     speed: (T, C) cylinder speeds [m/s]
@@ -131,7 +132,7 @@ def _bin(edges: Array, angle: Array) -> NDArray[np.intp]:
 def planes(plan: Plan, posture: Array, speed: Array, dt: float) -> Array:
     """Return the time (M-1, BINS, BINS) [s] in motion, per pair of bins of two neighbouring driven joints.
 
-    Time counts while any cylinder moves.
+    Time counts while any cylinder moves and all angles are known.
 
     posture: (T, N) angles of `drive` [rad]; NaN: unknown
     speed: (T, C) cylinder speeds [m/s]
@@ -169,7 +170,10 @@ def missing(plan: Plan, seconds: Array) -> tuple[Missing, ...]:
 
 
 def _runs(lacks: NDArray[np.bool_]) -> list[slice]:
-    """Return the runs of consecutive true values in `lacks` (BINS,)."""
+    """Return the runs of consecutive bins that lack motion, each as a slice of the bins.
+
+    lacks: (BINS,) whether a bin lacks motion
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], lacks.astype(int), [0]])))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 

@@ -36,10 +36,11 @@ AREA = 0.3  # prior standard error of a piston area's relative error; chosen
 class Contact(NamedTuple):
     """Contact of the tool, per block (B,).
 
-    force: (B,) upward force at the tool that explains the block's residual best [N]
-    certain: (B,) whether this force is significant
-    disturbed: (B,) whether anything else acts on the machine in the block
-    gain: improvement of the fit in the significant blocks (see `Explanation.gain`)
+    force: (B,) upward part of the force on the tool that explains the block's residual best [N]
+    certain: (B,) whether the tool is pressed upwards: this part is significant, and the force explains the residual
+    disturbed: (B,) whether something other than weight and friction acts: the fit trusts the block little (DISTURBED),
+        and its residual is not small (NOTABLE)
+    gain: improvement of the fit in the blocks that are `certain` (see `Explanation.gain`)
     """
 
     force: Array
@@ -51,7 +52,7 @@ class Contact(NamedTuple):
 class Explanation(NamedTuple):
     """A possible cause for a recording that does not fit the empty machine of the data sheet.
 
-    value: its estimated size
+    value: its estimated size; of a piston area the relative excess of the measured force, see `area_errors`
     gain: decrease of the sum of squares with it, in variances of independent samples
     unexplained: share of the torque that remains unexplained (`wiring.misfit`)
     """
@@ -85,9 +86,12 @@ def load_or_contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Sus
     """Return the suspicion of a load, of contact of the tool or of a wrong piston area; None when the recording shows
     none.
 
-    whole: factors with the tool's columns last
+    A piston area comes first, where it explains the recording better than the other two. Contact comes next, then a
+    load.
+
+    whole: factors with the tool's columns (`Model.tool`) behind those of the P parameters
     noise: (R,) rms residual of each torque fitted alone [N m]
-    fit: fit of the model's columns alone
+    fit: fit of the P parameters alone
     """
     data = chosen(whole, list(range(len(model.parameters))))
     load, areas = carried_weight(model, data, noise, fit), area_errors(model, data, noise, fit)
@@ -141,14 +145,14 @@ def _loaded(load: CarriedWeight) -> str:
 
 
 def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
-    """Return for each block the force at the tool (x forward, z up) that best explains the residual of a fit.
+    """Return for each block the upward part of the force on the tool that best explains the residual of a fit.
 
-    The force has a prior of zero with a standard error of four rated payloads' weight. That error remains in directions
-    that the block's postures do not show.
+    The force (x forward, z up) has a prior of zero with a standard error of four rated payloads' weight. That error
+    remains in directions that the block's postures do not show.
 
-    whole: factors with the tool's columns last
+    whole: factors with the tool's columns (`Model.tool`) behind those of the P parameters
     noise: (R,) rms residual of each torque fitted alone [N m]
-    fit: fit of the other columns
+    fit: fit of the P parameters alone
     """
     whole, size = of_all(whole), len(model.parameters)
     blocks, rows = whole.samples.shape
@@ -178,9 +182,9 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
 
 
 def residual_with_tip_force(model: Model, whole: Factors, error: Array, values: Array) -> Array:
-    """Return the squared residuals (B, R) [N^2 m^2] of parameters with the best force at the tool in each block.
+    """Return the sums of squared residuals (B, R) [N^2 m^2] with the best force at the tool in each block.
 
-    whole: factors with the tool's columns last
+    whole: factors with the tool's columns (`Model.tool`) behind those of the P parameters
     error: (R,) standard errors of the rows [N m]
     values: (P,) parameters
     """
@@ -216,7 +220,9 @@ def carried_weight(model: Model, data: Factors, noise: Array, fit: Fit) -> Carri
 
 
 def with_load(model: Model, data: Factors) -> tuple[Factors, Prior]:
-    """Return the factors and the prior of a model with four more parameters: mass, two moments and inertia of a load.
+    """Return factors and prior with four more parameters, last: mass, two first moments and inertia of a load.
+
+    They are about the last pin [kg, kg m, kg m, kg m^2], with prior means of zero.
 
     data: factors of the model's columns
     """
@@ -227,9 +233,10 @@ def with_load(model: Model, data: Factors) -> tuple[Factors, Prior]:
 
 
 def area_errors(model: Model, data: Factors, noise: Array, fit: Fit) -> list[Explanation]:
-    """Return the share by which each measured torque exceeds that of the masses measured by the other rows.
+    """Return for each of the R measured torques by which share it exceeds that of the masses the others measure.
 
-    By that share the true piston area is smaller than in the machine file.
+    Where the share is positive, the true piston area is smaller than in the machine file, by about that share. Each
+    share is fitted by itself, with all masses.
 
     data: factors of the model's columns
     noise: (R,) rms residual of each torque fitted alone [N m]
@@ -249,7 +256,10 @@ def area_errors(model: Model, data: Factors, noise: Array, fit: Fit) -> list[Exp
 
 
 def with_free_parameters(prior: Prior, spread: Array) -> Prior:
-    """Return the prior with M more parameters of mean zero and standard error `spread` (M,)."""
+    """Return the prior with M more parameters, last, of mean zero and standard error `spread` (M,).
+
+    They are independent of the others and of each other.
+    """
     size = len(spread)
     covariance = np.zeros((len(prior.mean) + size,) * 2)
     covariance[:-size, :-size], covariance[-size:, -size:] = prior.covariance, np.diag(spread**2)

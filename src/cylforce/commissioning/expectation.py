@@ -30,7 +30,7 @@ class Expected(NamedTuple):
 
     standard_error: (...) of the weight [kg]; NaN where weighing is impossible
     noise: (...) contribution to it that decreases with longer weighing [kg]
-    gain: (..., P) change of the weight [kg] per unit of each tare
+    gain: (..., P) kg by which the weight is too large, per unit by which a tare is too small
     """
 
     standard_error: Array
@@ -50,9 +50,10 @@ class PostureGrid(NamedTuple):
 
 
 def postures(machine: Machine) -> PostureGrid:
-    """Return postures over the working range.
+    """Return GRID x GRID postures over the working range.
 
-    The two innermost driven joints pass through their ranges, the tool is curled, the other joints are in mid-range.
+    The two innermost driven joints pass through their ranges, the first along axis A, the second along axis B. The tool
+    is curled, the other joints are in mid-range.
     """
     ranges = working_range(machine)
     low, high = ranges.T
@@ -92,7 +93,8 @@ def expected_error(model: Model, tares: Tares, theta: Array) -> Expected:
 def cost(tares: Tares, expected: Expected) -> Array:
     """Return the contribution (P,) [kg] of each tare to the weight's standard error; median over the postures.
 
-    It is the root of the variance that would disappear if this tare were exact, correlations included.
+    It is the root of the variance that would disappear if this tare were exact, correlations included. Postures in
+    which weighing is impossible do not count; without any other the result is NaN.
     """
     weighable = np.isfinite(expected.standard_error)
     part = expected.gain[weighable] @ tares.covariance / np.sqrt(np.diag(tares.covariance))
@@ -149,7 +151,8 @@ def _payload(machine: Machine) -> Array:
 def _path(machine: Machine, theta: Array) -> tuple[Array, Array]:
     """Return angles [rad] and rates [rad/s] (POINTS, ..., N) during WEIGHED_S about postures.
 
-    The arm lifts and reaches out, the tool curls.
+    The arm lifts and reaches out, the tool curls, each joint as fast as its slowest cylinder allows. Angles end at the
+    limits of their joints; the rates do not.
 
     theta: (..., N) joint angles of the postures [rad]
     """

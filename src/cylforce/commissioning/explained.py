@@ -100,7 +100,7 @@ def criterion(model: Model, fitted: Factors, squares: Array, values: Array, adde
 
     fitted: factors of the recording
     squares: (R,) sum of the squared residuals [N^2 m^2]
-    values: (P, ...) parameters
+    values: parameters of the empty machine (P,); further ones behind them are not used
     added: number of parameters beyond those of the empty machine
     """
     count, size = np.sum(fitted.samples, axis=0) / CORRELATED, 3 * model.machine.size
@@ -114,6 +114,8 @@ def criterion(model: Model, fitted: Factors, squares: Array, values: Array, adde
 
 def row_noise(factors: Factors, prior: Prior) -> Array:
     """Return the rms residual (R,) [N m] of each measured torque fitted alone, used as the rows' standard errors.
+
+    A torque without any fitted row gets the largest value of the others.
 
     Residuals of the common fit are not used: a row that fits well would get a larger weight, then fit still better, and
     dominate.

@@ -41,8 +41,9 @@ LIKELY = 95.0  # percentile over the working range that the expected error is; c
 class Judgement(NamedTuple):
     """Judgement of the samples so far.
 
-    weight_error: expected standard error of a weight [kg] without that of the scale, which the empty machine cannot
-        reduce; NaN: not yet known
+    weight_error: expected standard error of a weight [kg], not exceeded in LIKELY per cent of the postures, without
+        that of the scale, which the empty machine cannot reduce; NaN: not yet known; infinite: weighing is impossible
+        in more than the other postures
     refusal: one sentence why the samples are refused, or None
     """
 
@@ -58,10 +59,10 @@ class Collected(NamedTuple):
     covered: (M, BINS, 2, 2) coverage [s]
     planes: (M-1, BINS, BINS) coverage of pairs of joints [s]
     moved_s: time of motion [s]
-    crept_s: time of motion that is too slow to count [s]
+    crept_s: time of motion that is too slow to count [s]: the fastest cylinder at 0.2 to 1 times `Plan.rest`
     posture: (N,) present angles of `drive` [rad]; NaN: unknown
     evidence: history of the raw signals
-    waiting: samples since the last judgement
+    waiting: number of samples since the last judgement, or since the beginning
     judgement: the last judgement
     stroke: the stroke or move that is requested; None: none
     """
@@ -86,7 +87,7 @@ class Advice(NamedTuple):
     covered: (M, BINS, 2, 2) coverage [s]
     visited: share (0..1) of the pairs of angles of neighbouring joints that were visited
     posture: (N,) present angles of `drive` [rad]; NaN: unknown
-    weight_error: expected standard error of a weight [kg]; NaN: not yet known
+    weight_error: expected standard error of a weight [kg], as in `Judgement`
     stroke: the stroke or move to make next; None: none
     instruction: sentence for the operator
     refusal: one sentence why the recording is refused, or None
@@ -274,6 +275,8 @@ class Guide:
 
     def absorb(self, state: Collected, rows: Array, longest: int) -> Collected:
         """Return the state after the rows of further ticks.
+
+        A longer gap than `longest` interrupts the recording, as does one at the beginning or the end of the rows.
 
         rows: (T, S) samples [SI], NaN where a signal was missing
         longest: gaps of up to this many rows are filled by linear interpolation

@@ -41,11 +41,11 @@ class Identification(NamedTuple):
 
     model: the model with the friction laws that were chosen
     tares: the identified parameters
-    fit: the least-squares fit
+    fit: the least-squares fit, whose covariance is not yet increased for use under load
     not_identified: names of the parameters that the recording does not determine
     seconds: time of usable motion [s]
     held_out: per friction law tried the mean squared prediction error in data left out of the fit; 1: the row's own
-        noise
+        noise; the first entry, under the name of one law, is the error of all laws that are always in the model
     violations: sentences of the physical laws that the fit violates
     explained: (R,) share of each joint's torque that is explained; NaN: the joint's torque was never usable
     warnings: sentences that go with the tares into service
@@ -76,13 +76,13 @@ def identify(
     """Identify the tares from gapless segments of samples (T, S) of the empty machine.
 
     Raises ValueError, in a sentence, when the recording is too short, does not move, moves a cylinder one way only, or
-    is refused, or when a joint's torque stays unexplained (`soundness`).
+    is refused, when a joint's torque stays unexplained (`soundness`), or when no consistent tares are found.
 
     model: its `friction` are the laws to choose from; laws in CERTAIN always stay
     two_steps: use the paper's procedure, static parameters from slow moves, then dynamic ones; else all at once
     enforce: return the nearest physically consistent tares
     refuse: check for the signatures of a load, of contact, of dead or misplaced sensors, of wrong piston areas and of a
-        wrong scale of all pressures
+        wrong scale of all pressures; without it no such check is made, and what `soundness` refuses becomes a warning
     """
     evidence = [empty_history(model.machine)]
     whole = observed_factors(model, recorded_history(model, segments, evidence))
@@ -139,7 +139,7 @@ def with_typical_friction(model: Model, fit: Fit) -> Fit:
 
     Concerned are the coefficients of `model.TYPICAL` that came out larger although the recording hardly determines
     them: model errors can cause that. The other parameters change by their covariance with them. The covariance itself
-        remains.
+    remains.
     """
     values, prior = fit.values.copy(), model.prior
     for k, p in enumerate(model.parameters):
@@ -177,9 +177,9 @@ def recorded_history(model: Model, segments: Iterable[Array], evidence: list[Sig
 
 
 def usable_seconds(model: Model, factors: Factors) -> float:
-    """Return the time of usable motion [s].
+    """Return the time of usable motion [s], of the measured joint with most of it, rows set aside included.
 
-    Raises ValueError, in one sentence, when it is too short or in one direction only.
+    Raises ValueError, in one sentence, when it is too short, or when a cylinder moves in one direction only.
     """
     seconds = float(np.max(np.sum(factors.samples + factors.others, axis=0)) / model.filters.rate_hz)
     if seconds == 0.0:
@@ -193,13 +193,13 @@ def usable_seconds(model: Model, factors: Factors) -> float:
 
 
 def _check_both_ways(model: Model, factors: Factors) -> None:
-    """Raise ValueError, in one sentence, when a cylinder moves in one direction only.
+    """Raise ValueError, in one sentence, when a cylinder moves in one direction only (ONE_WAY).
 
-    Its friction cannot then be distinguished from weight.
+    Its friction cannot then be distinguished from weight. Cylinders that hardly move are not checked (ONE_WAY_SECONDS).
     """
     n, c = model.machine.size, len(model.machine.cylinders)
-    weight = np.max(factors.samples, axis=1) / model.filters.rate_hz
-    ways = weight @ factors.mark[:, n + c : n + 3 * c]
+    block_s = np.max(factors.samples, axis=1) / model.filters.rate_hz
+    ways = block_s @ factors.mark[:, n + c : n + 3 * c]
     for cylinder, out, into in zip(model.machine.cylinders, ways[:c], ways[c:], strict=True):
         if max(out, into) > ONE_WAY_SECONDS and min(out, into) < ONE_WAY * (out + into):
             raise ValueError(
@@ -239,23 +239,26 @@ def _marginal(prior: Prior, part: list[int]) -> Prior:
 
 
 def _columns_of(model: Model, part: Model) -> list[int]:
-    """Return the columns of a model with fewer friction laws among those of `model`."""
+    """Return the numbers of the columns of `part`, a model with fewer friction laws, among those of `model`."""
     place = {p.name: k for k, p in enumerate(model.parameters)}
     return [place[p.name] for p in part.parameters]
 
 
 def _with_tool_columns(model: Model, part: Model, whole: Factors) -> Factors:
-    """Return the factors `whole` of `model` with the parameters of `part` alone, followed by the columns of the
-    tool.
+    """Return the factors of `whole` for the parameters of `part`, then for all columns behind those of the parameters.
+
+    model: model of `whole`
+    part: the model with fewer friction laws
+    whole: factors of the parameters of `model`, of the tool and of the pressures' zero errors
     """
     return chosen(whole, [*_columns_of(model, part), *range(len(model.parameters), whole.triangle.shape[-1] - 1)])
 
 
 def _laws(model: Model, factors: Factors, noise: Array) -> tuple[tuple[str, ...], dict[str, float]]:
-    """Choose the friction laws as `_choose`, without the bars of linkages where the recording does not determine all of
-    them.
+    """Return the friction laws and prediction errors of `_choose`.
 
-    The links' parameters then contain the bars, as in the data sheet.
+    Where the recording does not determine the weight of the bars of all linkages, it is not among the laws. The links'
+    parameters then contain the bars, as in the data sheet.
 
     factors: factors of the model's columns
     noise: (R,) rms residual of each torque fitted alone [N m]

@@ -34,8 +34,8 @@ def with_known_load(
 
     With the load's first moments and inertia c and the scale error s unknown, the rows are torque - known l_m = W Phi +
     l_c c + s known l_m, with l the load's columns. This is linear; the identification of the empty machine is the
-    prior. Raises ValueError, in one sentence, when the weight does not appear for long enough, or when another weight
-    does.
+    prior. The scale of the tares becomes 1/(1 + s); an implausible one adds a warning. Raises ValueError, in one
+    sentence, when the weight does not appear for long enough, or when another weight does.
 
     empty: identification of the empty machine
     segments: samples (T, S) without gaps [SI]
@@ -99,7 +99,10 @@ def _alike(loads: Array, known_kg: float) -> NDArray[np.bool_]:
 
 
 def _prior(empty: Identification) -> Prior:
-    """Return the prior of the parameters Phi (P), the load's first moments and inertia c (3) and the scale error s."""
+    """Return the prior of P + 4 parameters: Phi (P), the load's first moments and inertia c (3), the scale error s.
+
+    Phi has the values and covariance of the empty machine's tares; c [kg m, kg m, kg m^2] and s have means of zero.
+    """
     machine, size = empty.model.machine, len(empty.model.parameters)
     moment = machine.rated_payload * machine.payload_reach
     spread = np.array([moment, moment, moment * machine.payload_reach, WRONG_SCALE])

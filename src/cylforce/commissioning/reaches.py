@@ -47,7 +47,7 @@ class Postures(NamedTuple):
 
 
 def postures(machine: Machine, plan: Plan) -> Postures:
-    """Return the postures that may be requested of the operator."""
+    """Return the postures that may be requested of the operator: those in which the tool is high enough (LOW)."""
     bins = np.array(list(product(range(BINS), repeat=len(plan.joints))), dtype=np.intp)
     theta = np.zeros((len(bins), machine.size))
     middles = (plan.edges[:, 1:] + plan.edges[:, :-1]) / 2.0
@@ -75,7 +75,7 @@ def next_reach(
 ) -> Reach | None:
     """Return the next move: to the posture with most pairs not yet visited; None when enough pairs were visited.
 
-    The last move continues until its target is reached.
+    Among such postures it is the farthest one. The last move continues until its target is reached.
 
     seconds: (M-1, BINS, BINS) coverage of pairs [s]
     posture: (N,) present angles of `drive` [rad]; NaN: unknown

@@ -69,7 +69,7 @@ class SizeSearch(NamedTuple):
     """A correction whose size is searched.
 
     cause: short name, as in `wiring.Suspicion`
-    limits: range of the size
+    limits: range of the size: a factor on the file's value, or an angle [rad]
     changed: function of the size that returns the corrected case
     words: function of the size that returns the correction in words
     """
@@ -84,10 +84,11 @@ def repairs(case: Case, cylinders: Collection[int]) -> tuple[Repair, ...]:
     """Return the single corrections with which a case is healthy: the best one, then those that are not decisively
     worse.
 
-    Corrections of the cylinders with these numbers, of angles and of lengths are tried. The result is empty when no
-    single correction is decisively better than the case without correction.
+    Corrections of some cylinders (bore, pins, exchanged pressures), of all position sensors, of all links' lengths and
+    of the common scale are tried. The result is empty when the case has too few samples (SHORT_S), or when no healthy
+    correction is decisively better than none.
 
-    cylinders: numbers of the cylinders whose corrections are tried
+    cylinders: numbers of these cylinders
     """
     if len(case.values) < SHORT_S * case.model.filters.rate_hz:
         return ()
@@ -119,8 +120,10 @@ def case_score(case: Case, added: int = 0) -> float:
 
 
 def typical_error(fitted: Factors) -> Array:
-    """Return the residual torque (R,) [N m] of each joint on a healthy machine: the share TYPICAL of its
-    rms.
+    """Return the residual torque (R,) [N m] of each joint on a healthy machine: the share TYPICAL of the joint's rms
+    torque, at least 1 N m.
+
+    fitted: factors of the recording
     """
     squares, samples = np.sum(fitted.triangle[..., -1] ** 2, axis=(0, 2)), np.sum(fitted.samples, axis=0)
     return np.asarray(np.maximum(TYPICAL * np.sqrt(squares / np.maximum(samples, 1.0)), 1.0))
@@ -176,7 +179,10 @@ def _single_pressures(machine: Machine) -> Iterator[Exchange]:
 
 
 def _mirrored(linkage: Linkage) -> Iterator[tuple[str, Linkage]]:
-    """Yield corrections in words, each with the corrected linkage."""
+    """Yield corrections in words, each with the corrected linkage: one pin mirrored, or the side of a four-bar changed.
+
+    A pin is mirrored in the x or in the z axis of its body.
+    """
     if not isinstance(linkage, Triangle | FourBar):
         return
     for name in (f.name for f in fields(linkage) if isinstance(getattr(linkage, f.name), tuple)):

@@ -19,7 +19,7 @@ class Soundness(NamedTuple):
     """Verdict on identified parameters.
 
     refusal: a sentence why the parameters must not be written, or None
-    warnings: sentences that go with the parameters into service
+    warnings: sentences that go with the parameters into service, among them the refusal
     """
 
     refusal: str | None
@@ -29,8 +29,8 @@ class Soundness(NamedTuple):
 def soundness(case: Case, fit_quality: Quality, broken: tuple[str, ...]) -> Soundness:
     """Return the verdict on identified parameters.
 
-    They are refused where a constant would explain the torque of a joint better, or no sample of it is usable. Too
-    small an explained share and a large distance from the data sheet are warnings.
+    They are refused where a constant would explain the torque of a joint better, or a joint moved and no sample of it
+    is usable. Too small an explained share, a large distance from the data sheet and broken physical laws are warnings.
 
     case: the model, and the last samples of the recording, on which corrections are tried
     fit_quality: shares of the torque that the fit explains, and distance of the parameters from the data sheet
@@ -61,8 +61,9 @@ Which = NDArray[np.bool_]  # (R,) which of the measured joints are selected
 
 
 def _rows(fit_quality: Quality) -> tuple[Which, Which, Which]:
-    """Return the rows (R,) that are worse explained than by a constant, those too little explained, those never
-    usable.
+    """Return three masks (R,) of measured joints: worse explained than by a constant, too little explained, unseen.
+
+    Too little: above a constant, but below DOUBTFUL. Unseen: the joint moved, but never with a usable cylinder.
     """
     share = np.nan_to_num(fit_quality.explained, nan=1.0)
     worse = share < NOTHING

@@ -50,9 +50,9 @@ class Stroke(NamedTuple):
 
 
 def clear_range(machine: Machine) -> Array:
-    """Return the range (N, 2) [rad] of every joint in which a commissioning moves.
+    """Return the range (N, 2) [rad] of every angle of `drive` in which a commissioning moves.
 
-    These are the working ranges. Of the joints that lift the stick it is the upper half only.
+    These are the working ranges. Of the joints that lift all the others it is the upper part only (CLEAR).
     """
     ranges = working_range(machine)
     up = list(lifting(machine))
@@ -127,7 +127,8 @@ def _distance(plan: Plan, stroke: Stroke, posture: Array, last: Stroke | None) -
 
     There are penalties for a fast stroke, for another joint than the last, and for repeating the last stroke.
 
-    posture: (N,) present angles of `drive` [rad]; NaN: unknown
+    posture: (N,) present angles of `drive` [rad]; NaN: unknown, which counts as no distance
+    last: the stroke that was requested before
     """
     edges = plan.edges[plan.joints.index(stroke.joint)]
     angle = posture[stroke.joint]
@@ -140,6 +141,8 @@ def _distance(plan: Plan, stroke: Stroke, posture: Array, last: Stroke | None) -
 def _hold(machine: Machine, stroke: Stroke) -> Array:
     """Return the posture (N,) [rad] of the other joints with which the lowest height of the tool in the stroke is
     greatest.
+
+    These are angles of `drive`; that of the stroke's own joint is at its begin.
     """
     ranges = clear_range(machine)
     others = [j for j in driven(machine) if j != stroke.joint]

@@ -47,9 +47,10 @@ class SignalHistory(NamedTuple):
     """History of the raw signals.
 
     kept: (K, S) latest samples [SI]
-    repeated: (S,) samples for which the signal has repeated one value although it should change, up to now
-    longest: (S,) longest such time so far, in samples
-    step: (S,) smallest change of the signal other than zero [SI]
+    repeated: (S,) number of samples up to the last one for which the signal has repeated one value although it should
+        change
+    longest: (S,) longest such run of samples so far
+    step: (S,) smallest change from one sample to the next other than zero [SI]; infinite: it never changed
     """
 
     kept: Array
@@ -186,8 +187,9 @@ def _backwards(model: Model, kept: Array) -> str | None:
 
 
 def misfit(data: Factors, row_error: Array) -> float:
-    """Return the share of the torque that a fit does not explain: rms over the measured torques; infinite without
-    any.
+    """Return the share of the torque that a fit does not explain: rms residual over rms torque; infinite without any.
+
+    It is the rms over those measured torques that have fitted rows.
 
     data: factors of the fitted rows
     row_error: (R,) rms residual of the fit [N m]
@@ -209,7 +211,11 @@ def wiring_fault(model: Model, evidence: SignalHistory) -> Suspicion | None:
 
 
 def _exchanged(model: Model, kept: Array) -> Suspicion | None:
-    """Return the exchange with which the samples (K, S) fit best; None when none is clearly better."""
+    """Return the exchange with which the samples (K, S) [SI] fit best; None when none is clearly better.
+
+    None is returned, too, when they fit as they are (MISFIT). Clearly better: the misfit falls below BETTER times that
+    without an exchange, and most samples remain usable (STILL_USABLE).
+    """
     before, samples = _misfit_of(model, kept)
     if before < MISFIT:
         return None
@@ -241,7 +247,11 @@ def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
 
 
 def swapped(values: Array, pair: Exchange) -> Array:
-    """Return samples (T, S) with the signals of a pair exchanged."""
+    """Return samples with the signals of a pair exchanged.
+
+    values: (T, S) samples, not changed
+    pair: numbers of the signals on both sides, as many on each
+    """
     first, second = (list(part) for part in pair)
     exchanged = values.copy()
     exchanged[:, first + second] = values[:, second + first]
@@ -266,7 +276,10 @@ def exchanges(machine: Machine) -> Iterator[Exchange]:
 
 
 def _frozen_place(model: Model, evidence: SignalHistory) -> Suspicion | None:
-    """Return a suspicion when an angle or length repeated one value for STILL_S although its noise should show."""
+    """Return a suspicion when an angle or length repeated one value for STILL_S although its noise should show.
+
+    Noise shows where the sensor's standard error is at least half of the smallest change seen.
+    """
     for k, signal in enumerate(model.machine.signals):
         seconds = evidence.longest[k] / model.filters.rate_hz
         noisy = signal.standard_error >= 0.5 * evidence.step[k] or not np.isfinite(evidence.step[k])

@@ -26,7 +26,9 @@ STEPS = 30  # steps of expectation maximisation: changes are below 1 % then
 
 
 def correlation(model: Model, data: Factors, values: Array, row_error: Array) -> float:
-    """Return the time [s] for which the residual keeps its sign; 0 where there are too few weighings.
+    """Return the time [s] for which the residual keeps its sign; 0 where there are too few weighings (ENOUGH).
+
+    It is the mean over the weighings of weight^2 / variance by white noise, in samples.
 
     data: factors of a recording of the empty machine, for the P parameters of `values`
     values: (P,) identified parameters of the empty machine
@@ -78,8 +80,8 @@ def between_strokes(model: Model, whole: Factors, values: Array, row_error: Arra
     k^2 = (n + sum (d^2 + c) / s^2) / (n + N), with c the variance of d, the sum over the N drifts of this kind in all
     strokes, and n = PRIOR_COUNT.
 
-    whole: factors of a recording of the empty machine, for all columns of the model (`Model.filtered`): the first P are
-        those of the parameters, the last those of the zeros, one for each cylinder
+    whole: factors of a recording of the empty machine, as of `observed_factors`: the first P columns are those of the
+        parameters, the last C those of the zeros, one for each cylinder
     values: (P,) identified parameters of the empty machine
     row_error: (R,) rms residual of each measured torque [N m]
     """
@@ -107,7 +109,7 @@ def _strokes(model: Model, whole: Factors, values: Array, row_error: Array) -> t
     A stroke stands for BLOCKS blocks of the recording, as long as a short lift. X are the columns of the frictions that
     drift and of the pressure zeros, r is the residual torque of the parameters, both over the error of their row.
 
-    whole: factors of a recording of the empty machine, for all columns of the model
+    whole: factors of a recording of the empty machine, with columns as in `between_strokes`
     values: (P,) identified parameters of the empty machine
     row_error: (R,) rms residual of each measured torque [N m]
     """

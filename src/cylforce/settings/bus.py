@@ -21,7 +21,10 @@ Entry = tuple[int, SensorTable]  # number of the sensor in the file
 def own_pdos(file: MachineFile, filters: Filters, findings: Inspection) -> tuple[Pdo, ...]:
     """Return the TPDOs that cylforce sends.
 
-    A period below one step, and rated values too large for their objects, go to `findings`.
+    Their weights range up to the largest rated payload of all tools. The forces' period is at least one step. A
+    `period_ms` below one step, and rated values too large for their objects, go to `findings` as errors.
+
+    filters: rate and cut-offs, for the notes about bandwidth and delay
     """
     table = file.publication
     if table.period_ms * file.filter.rate_hz < 1000.0:
@@ -43,7 +46,9 @@ def own_pdos(file: MachineFile, filters: Filters, findings: Inspection) -> tuple
 
 
 def nodes(file: MachineFile, folder: Path, published: Iterable[Pdo], findings: Inspection) -> tuple[SensorNode, ...]:
-    """Return the sensor nodes; every error goes to `findings`.
+    """Return the sensor nodes that have no error of their own; every error goes to `findings`.
+
+    COB-IDs that two TPDOs have, or that CiA 301 reserves, are errors, too.
 
     folder: folder of the EDS files
     published: PDOs that we send
@@ -56,7 +61,7 @@ def nodes(file: MachineFile, folder: Path, published: Iterable[Pdo], findings: I
 
 
 def _own_cob_ids(published: Iterable[Pdo]) -> Iterator[FaultError]:
-    """Yield identifiers of ours that no PDO may have, or that two of our PDOs have."""
+    """Yield a fault for each TPDO of ours whose COB-ID no PDO may have, or another of our TPDOs has."""
     owner: dict[int, int] = {}
     for pdo in published:
         given = f"is {pdo.node_id}, which gives TPDO {pdo.number} of cylforce the COB-ID {pdo.can_id:03X}h"
@@ -69,7 +74,11 @@ def _own_cob_ids(published: Iterable[Pdo]) -> Iterator[FaultError]:
 
 
 def _same_cob_ids(described: Iterable[SensorNode | None], published: Iterable[Pdo]) -> Iterator[FaultError]:
-    """Yield identifiers of sensors that are used twice."""
+    """Yield a fault for each TPDO of a sensor node whose COB-ID a TPDO of ours, or an earlier one of a node, has.
+
+    described: nodes in the order of the file; None: one with errors
+    published: PDOs that we send
+    """
     owner: dict[int, str] = {pdo.can_id: "cylforce's own publication" for pdo in published}
     for k, node in enumerate(described):
         for pdo in node.pdos if node else ():
@@ -80,13 +89,19 @@ def _same_cob_ids(described: Iterable[SensorNode | None], published: Iterable[Pd
 
 
 def period_s(file: MachineFile, sensor: SensorTable) -> float:
-    """Return the period of a sensor's value [s]."""
+    """Return the period of a sensor's value [s]: that of the TPDO that carries it. Raises FaultError as `_timing`."""
     node = next(node for node in file.nodes if node.name == sensor.node)
     return _timing(file, node, sensor.pdo).period_s
 
 
 def _node(file: MachineFile, k: int, folder: Path) -> SensorNode:
-    """Return node k of the file. Raises FaultError."""
+    """Return node k of the file, with the TPDOs that carry its sensors.
+
+    Raises FaultError for an EDS file that cannot be used or contradicts the file, an object that two sensors use, a
+    TPDO in nodes.pdos without a sensor, or a TPDO that cannot be made (`_pdo`).
+
+    folder: folder of the EDS files
+    """
     table = file.nodes[k]
     sensors = [(n, sensor) for n, sensor in enumerate(file.sensors) if sensor.node == table.name]
     eds = _eds(table, k, folder)
@@ -160,7 +175,8 @@ class Timing(NamedTuple):
 def _timing(file: MachineFile, node: NodeTable, number: int) -> Timing:
     """Return when TPDO `number` of a node is sent: by its own table in nodes.pdos, else by that of the node.
 
-    Raises FaultError without a period, or with one that contradicts the SYNC that cylforce sends.
+    The period of a synchronous TPDO is by default that of the SYNC at filter.rate_hz. Raises FaultError for an event
+    timer without a period, or for a period that contradicts the SYNC that cylforce sends.
     """
     special = next((pdo for pdo in node.pdos if pdo.number == number), PdoTable(number=number))
     key: Key = ("nodes", file.nodes.index(node))
@@ -184,7 +200,8 @@ def _timing(file: MachineFile, node: NodeTable, number: int) -> Timing:
 def _pdo(file: MachineFile, k: int, number: int, sensors: list[Entry], eds: vendor_eds.Eds | None) -> Pdo:
     """Return TPDO `number` of node k with the fields of its sensors.
 
-    Raises FaultError if it has no COB-ID or no period, or its fields do not fit into it.
+    Raises FaultError if it has no COB-ID or no period, if a field is wrong (`_fields`), or if its fields take more than
+    8 bytes.
 
     sensors: all sensors of the node, each with its number in the file
     eds: EDS file of the node; None: without one
@@ -244,7 +261,10 @@ def _fields(n: int, sensor: SensorTable, eds: vendor_eds.Eds | None) -> list[Fie
 
 
 def _gap(n: int, skipped: Skipped, eds: vendor_eds.Eds | None) -> Field:
-    """Return the field of an object that is mapped, but not used."""
+    """Return the field of an object that is mapped, but not used. Raises FaultError as `_code`.
+
+    n: number of the sensor beside it in the TPDO, at which a fault is reported
+    """
     index, sub = skipped.object
     return Field(
         signal=None,
@@ -260,7 +280,13 @@ def _gap(n: int, skipped: Skipped, eds: vendor_eds.Eds | None) -> Field:
 
 
 def _code(n: int, mapped: SensorTable | Skipped, eds: vendor_eds.Eds | None) -> str:
-    """Return the struct code of a mapped object from the file or the EDS file; where both give one, they must agree."""
+    """Return the struct code of a mapped object from the file or the EDS file.
+
+    Raises FaultError where neither gives one, where both differ, or where the EDS file has no such object for a PDO.
+
+    n: number of the sensor at which a fault is reported
+    mapped: table of the object, with its address and perhaps its type
+    """
     by_file = TYPES[mapped.type] if mapped.type else None
     if eds is None:
         if by_file is None:
@@ -278,7 +304,12 @@ def _code(n: int, mapped: SensorTable | Skipped, eds: vendor_eds.Eds | None) -> 
 
 
 def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
-    """Raise FaultError unless a node whose mapping cannot be written already maps the sensors of the file."""
+    """Raise FaultError unless a node whose mapping cannot be written already maps the objects of the file, in order.
+
+    eds: EDS file of the node, whose default mapping counts
+    pdo: the TPDO as the file wants it
+    key: key of the file at which the fault is reported
+    """
     mapped = vendor_eds.default_mapping(eds, pdo.number)
     wanted = tuple((f.index, f.sub, 8 * CODES[f.code]) for f in pdo.fields)
     if mapped != wanted:
@@ -290,7 +321,10 @@ def _check_fixed(eds: vendor_eds.Eds, pdo: Pdo, key: Key) -> None:
 
 
 def _fits(field: Field) -> bool:
-    """Return whether the object's type covers the whole range, without the one value that means "no value"."""
+    """Return whether the object's type covers the field's whole range, to half a digit.
+
+    The one raw value that means "no value" is not available for it. A floating-point number covers every range.
+    """
     if field.code == "f":
         return True
     bits = 8 * CODES[field.code]

@@ -38,7 +38,9 @@ class SettingsError(ValueError):
 class FaultError(ValueError):
     """A fault at a key; `load` adds file and line.
 
-    key: the key
+    Its text follows the key in the sentence of a message: problem, limit and cure.
+
+    key: path of the key in the file, numbers counting the tables of an array from 0
     missing: keys of which one is missing
     unknown: whether the key itself is not one that its table has
     """
@@ -104,7 +106,7 @@ def error_text(source: Source, faults: Iterable[FaultError]) -> str:
 
 
 def sentences(source: Source, faults: Iterable[FaultError]) -> tuple[str, ...]:
-    """Return each fault as one sentence, in the order of the file."""
+    """Return each fault as one sentence with file, line and key, in the order of the file; equal sentences once."""
     keys = [(written_key(source.raw, fault.key), fault) for fault in faults]
     lines = sorted(((line_of(source.text, key), key, fault) for key, fault in keys), key=lambda entry: entry[0])
     texts = [f"{source.path}:{line}: {dotted(source.raw, key)} {fault}" for line, key, fault in lines]
@@ -112,7 +114,10 @@ def sentences(source: Source, faults: Iterable[FaultError]) -> tuple[str, ...]:
 
 
 def _with_misspellings_merged(faults: list[FaultError]) -> list[FaultError]:
-    """Merge a missing key and the misspelt one beside it into one error."""
+    """Return the faults, those of a missing key and of an unknown key spelt like it in the same table as one.
+
+    That one is at the unknown key.
+    """
     for lacking in [fault for fault in faults if fault.missing]:
         beside = {str(f.key[-1]): f for f in faults if f.unknown and f.key[:-1] == lacking.key}
         for name in lacking.missing:
@@ -128,7 +133,12 @@ def _with_misspellings_merged(faults: list[FaultError]) -> list[FaultError]:
 
 
 def line_of(text: str, key: Key) -> int:
-    """Return the line (from 1) of a key, or of the nearest table around it that can be found without parsing."""
+    """Return the line (from 1) of a key, or of the nearest table around it that can be found without parsing.
+
+    It is 1 where nothing of the key is found.
+
+    text: text of the file
+    """
     lines, at = text.splitlines(), 0
     end = len(lines)
     for k, part in enumerate(key):
@@ -149,19 +159,30 @@ def line_of(text: str, key: Key) -> int:
 
 
 def _end(lines: list[str], header: int) -> int:
-    """Return the line at which the table of a header ends: at the next header that does not belong to it."""
+    """Return the number (from 0) of the line at which a table ends: of the next header that does not belong to it.
+
+    header: number (from 0) of the line with the header of the table
+    """
     name = lines[header].strip().strip("[]").strip()
     others = _matches(lines, header + 1, rf"\s*\[+\s*(?!{re.escape(name)}\.)[\w.]+\s*\]")
     return others[0] if others else len(lines)
 
 
 def _matches(lines: list[str], start: int, pattern: str) -> list[int]:
-    """Return the lines from `start` on whose beginning matches, without comments."""
+    """Return the numbers (from 0) of the lines from `start` on whose beginning matches, without their comments.
+
+    pattern: regular expression
+    """
     return [n for n in range(start, len(lines)) if re.match(pattern, lines[n].split("#")[0])]
 
 
 def dotted(raw: object, key: Key) -> str:
-    """Return a key as a dotted path, with the names of table entries instead of their numbers."""
+    """Return a key as a dotted path, with the names of an array's tables instead of their numbers.
+
+    A table without a name is "#1", "#2", ...; the number of a value in a list is omitted; no key is "the file".
+
+    raw: content of the file as parsed from TOML
+    """
     parts: list[str] = []
     for part in key:
         raw = _entry(raw, part)
@@ -184,7 +205,12 @@ def _entry(raw: object, part: str | int) -> object:
 
 
 def written_key(raw: object, key: Key) -> Key:
-    """Return the key as the file has it: `range` is written as `range_bar`, `range_deg`, ..."""
+    """Return the key as the file has it: `range` is written as `range_bar`, `range_deg`, ...
+
+    The key is returned unchanged where its table has it, or no single key of that beginning.
+
+    raw: content of the file as parsed from TOML
+    """
     table = value_at(raw, key[:-1])
     if not key or not isinstance(table, dict) or key[-1] in table:
         return key
@@ -207,7 +233,7 @@ def unit_of(key: Key) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value of the file for a message, cut short."""
+    """Return a value of the file for a message, as Python prints it, cut to 40 characters."""
     try:
         text = repr(value)
     except ValueError:  # an integer of more digits than Python prints

@@ -32,7 +32,9 @@ SOUND_SCALE = (0.8, 1.25)  # limits of true over measured force: errors of bores
 def write_identified(
     path: Path, identification: "Identification", loaded: Loaded, recordings: Sequence[tuple[str, str]]
 ) -> None:
-    """Write the file whole or not at all.
+    """Write and seal the file, whole or not at all.
+
+    A file that exists is replaced: its tares with attachments and its earlier seals are lost.
 
     identification: the identification
     loaded: the machine file
@@ -66,7 +68,9 @@ def write_identified(
 def write_attachment(
     path: Path, name: str, tares: Tares, loaded: Loaded, recordings: Sequence[tuple[str, str]]
 ) -> None:
-    """Add the tares with an attachment to a file, or replace them. Raises SettingsError as `read_identified`.
+    """Add the tares with an attachment to a file, or replace them, and seal it anew.
+
+    Raises SettingsError as `read_identified`.
 
     name: name of the attachment
     recordings: (name, SHA-256) of each
@@ -104,7 +108,10 @@ def seal_again(path: Path, loaded: Loaded, reason: str) -> tuple[tuple[str, ...]
 
 
 def _write(path: Path, table: IdentifiedFile, reason: str) -> Seal:
-    """Seal and write the file; return the seal."""
+    """Seal and write the file, whole or not at all; return the seal, which counts on from the one in `table`.
+
+    reason: reason for the seal
+    """
     seal = sealed(table.content, table.seal, _now(), reason, controller=controller_id())
     table = table.model_copy(update={"seal": seal})
     with replacing(path) as temporary:
@@ -136,7 +143,11 @@ def _parameters(identification: "Identification") -> tuple[IdentifiedParameter, 
 
 
 def read_identified(path: Path, loaded: Loaded) -> Tares:
-    """Read the tares. Raises SettingsError when the file is broken or belongs to another machine or version."""
+    """Return the tares with the standard tool.
+
+    Raises SettingsError when the file cannot be read, was written for another machine file or in another format, has
+    impossible numbers, or is not as it was sealed.
+    """
     file = _read(path)
     _check_origin(path, file, loaded)
     _check_numbers(path, file, Model(loaded.service.machine, loaded.service.filters, file.friction))
@@ -157,7 +168,11 @@ def read_identified(path: Path, loaded: Loaded) -> Tares:
 
 
 def read_attachments(path: Path, loaded: Loaded) -> dict[str, Tares]:
-    """Read the tares with each attachment that was identified, by its name. Raises SettingsError."""
+    """Return the tares with each attachment that was identified, by its name.
+
+    Parameters, covariance and row errors are the attachment's; all else is common with the standard tool. Raises
+    SettingsError as `read_identified`, and for an attachment that the machine file lacks or whose numbers are impossible.
+    """
     common, file, tares = read_identified(path, loaded), _read(path), dict[str, Tares]()
     for added in file.attachments:
         if added.name not in loaded.service.tools:
@@ -208,7 +223,7 @@ def _check_kind(path: Path, raw: Mapping[str, object]) -> None:
 
 
 def _check_origin(path: Path, file: IdentifiedFile, loaded: Loaded) -> None:
-    """Raise SettingsError for a file of another format, machine file or set of friction laws."""
+    """Raise SettingsError for a file of another format or machine file, or with unknown laws or no Coulomb friction."""
     origin = file.provenance
     if origin.format != FORMAT:
         raise SettingsError(
@@ -241,7 +256,11 @@ def identified_seal(path: Path) -> Seal | None:
 
 
 def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
-    """Raise SettingsError for parameters that do not fit the model or are impossible."""
+    """Raise SettingsError for parameters that are not those of the model, or for impossible numbers.
+
+    Impossible are residuals that are not positive or of another number than the measured joints, a scale beyond
+    SOUND_SCALE, a standard error of the scale of 0.1 or more, and a matrix that is no covariance of the parameters.
+    """
     size, rows = len(model.parameters), len(model.machine.rows)
     if tuple(p.name for p in file.parameters) != tuple(p.name for p in model.parameters):
         raise SettingsError(f"{path}: parameters: are not those of {model.machine.name}; identify again")
@@ -258,7 +277,9 @@ def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
 
 
 def _is_covariance(matrix: Array) -> bool:
-    """Return whether a matrix (P, P) is symmetric and positive semidefinite, within rounding."""
+    """Return whether a matrix (P, P) has positive variances, and is symmetric and positive semidefinite within
+    rounding.
+    """
     variance = np.diag(matrix)
     if not np.all(variance > 0.0):
         return False

@@ -44,7 +44,8 @@ class IdentifiedParameter(_Strict):
     unit: as in the model
     value: in that unit
     standard_error: in that unit
-    from_recording: whether the recording determines it; otherwise the data sheet's value was kept
+    from_recording: whether the recording determines it clearly better than the data sheet; otherwise the value is
+        mainly the data sheet's
     """
 
     name: str
@@ -81,11 +82,11 @@ class IdentifiedFile(_Strict):
     provenance: origin of the parameters
     warnings: sentences why these parameters should not be trusted, which every use repeats
     friction: names of the friction laws
-    scale: factor on the residual torque from a lift of a known weight
+    scale: factor on the residual torque from a lift of a known weight; 1 without one
     scale_standard_error: its standard error
     unexplained_torque_n_m: (R,) rms residual of each measured joint [N m]
     unexplained_correlation_s: time for which the residual keeps its sign [s]
-    friction_between_strokes: spread of friction between strokes, as a share
+    friction_between_strokes: spread of friction between strokes, as a share of the identified friction
     zero_between_strokes_pa: spread of a pressure's zero between strokes [Pa]
     common_scale_error: relative error of a common scale of all pressures that the data sheet's masses allow; 0 after a
         lift of a known weight; None in files that were written before this key existed
@@ -112,7 +113,10 @@ class IdentifiedFile(_Strict):
 
     @property
     def content(self) -> dict[str, JsonValue]:
-        """Return the sealed content: all keys of the file but the seal."""
+        """Return the sealed content: all keys of the file but the seal.
+
+        `common_scale_error` is not in it where it is None, because seals from before it existed do not contain it.
+        """
         absent = {"common_scale_error"} if self.common_scale_error is None else set[str]()
         content: dict[str, JsonValue] = self.model_dump(mode="json", exclude={"seal", *absent})
         return content

@@ -88,7 +88,10 @@ Force = Annotated[float, Field(gt=1, lt=HUGE), Typical(1000, 3_000_000)]
 
 
 def unusual(table: BaseModel, key: Key = ()) -> Iterator[FaultError]:
-    """Yield every value outside its typical range in a table and in all tables within it."""
+    """Yield a warning for every value outside its typical range in a table and in all tables within it.
+
+    key: key of the table in the file
+    """
     for name, field in type(table).model_fields.items():
         direct = [part for part in field.metadata if isinstance(part, Typical)]
         typical = direct[0] if direct else _typical_within(field.annotation)
@@ -96,7 +99,11 @@ def unusual(table: BaseModel, key: Key = ()) -> Iterator[FaultError]:
 
 
 def _unusual_value(value: object, typical: Typical | None, key: Key) -> Iterator[FaultError]:
-    """Yield warnings of a value outside its typical range, or of the values within it."""
+    """Yield warnings of a number outside its typical range, or of the numbers in a tuple or table.
+
+    typical: range of a number; None: any; a table has ranges of its own
+    key: key of the value in the file
+    """
     if isinstance(value, BaseModel):
         yield from unusual(value, key)
     elif isinstance(value, tuple):

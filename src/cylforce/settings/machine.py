@@ -28,7 +28,10 @@ LIMIT = 1.0 / sqrt(3.0)  # standard error over tolerance, the half-width of a un
 
 
 def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection) -> Machine | None:
-    """Return the machine; None when a link or a cylinder cannot be used. Every error goes to `findings`."""
+    """Return the machine in SI, with the standard tool; None when a link, a cylinder or gravity cannot be used.
+
+    Every error goes to `findings`.
+    """
     tool = complex(*file.tool.point_m)
     links = [findings.attempt(_link, file, k) for k in range(len(file.links))]
     cylinders = [findings.attempt(_cylinder, file, k) for k in range(len(file.cylinders))]
@@ -51,7 +54,13 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
 
 
 def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
-    """Return the machine with attachment k instead of its last link."""
+    """Return the machine with attachment k instead of its last link.
+
+    The cylinders and the last joint's range are those of the standard machine. The angles at which loads are booked are
+    its own for a bucket, any for another tool.
+
+    standard: the machine with the standard tool
+    """
     table, last = file.attachments[k], standard.links[-1]
     tool = complex(*table.point_m)
     inertia = table.inertia_kg_m2 or table.mass_kg * abs(tool) ** 2 / 12.0
@@ -84,7 +93,10 @@ def _curled(table: ToolTable) -> tuple[float, float] | None:
 
 
 def _gravity(table: MachineTable) -> float:
-    """Return gravity [m/s^2] where the machine works: as given, or that of its latitude, else the standard one."""
+    """Return gravity [m/s^2] where the machine works: as given, or that of its latitude, else the standard one.
+
+    Raises FaultError when both are given, or a height without a latitude.
+    """
     if table.gravity_m_s2 is not None and table.latitude_deg is not None:
         problem = "and latitude_deg both say what gravity is: keep gravity_m_s2 if it was measured, else latitude_deg"
         raise FaultError(("machine", "gravity_m_s2"), problem)
@@ -97,7 +109,7 @@ def _gravity(table: MachineTable) -> float:
 
 
 def _link(file: MachineFile, k: int) -> Link:
-    """Return link k in SI. Raises FaultError."""
+    """Return link k in SI. Raises FaultError without a length, see `_length`."""
     table = file.links[k]
     length = _length(file, k)
     inertia = table.inertia_kg_m2 or table.mass_kg * length**2 / 12.0
@@ -130,7 +142,10 @@ def _errors(table: LinkTable | AttachmentTable, inertia: float) -> dict[str, flo
 
 
 def _length(file: MachineFile, k: int) -> float:
-    """Return the length of link k [m]. Raises FaultError."""
+    """Return the length of link k [m]; that of the last link is by default the distance of the tool from its pin.
+
+    Raises FaultError for another link without a length.
+    """
     length = file.links[k].length_m
     if length is not None:
         return length
@@ -141,7 +156,7 @@ def _length(file: MachineFile, k: int) -> float:
 
 
 def _cylinder(file: MachineFile, k: int) -> Cylinder:
-    """Return cylinder k in SI. Raises FaultError."""
+    """Return cylinder k in SI, with the areas of all those that work side by side."""
     table = file.cylinders[k]
     bore, rod = table.bore_mm * MILLIMETRE, table.rod_mm * MILLIMETRE
     return Cylinder(
@@ -180,7 +195,7 @@ def _dogbone(file: MachineFile, shape: DogboneTable) -> Linkage:
 
 
 def _four_bar(file: MachineFile, shape: FourBarTable) -> Linkage:
-    """Return a four-bar."""
+    """Return a four-bar, with its eye in units of the rocker's length."""
     return linkages.FourBar(
         foot=_pin(file, shape.foot),
         rocker_pin=_pin(file, shape.rocker_pin),
@@ -193,5 +208,5 @@ def _four_bar(file: MachineFile, shape: FourBarTable) -> Linkage:
 
 
 def _pin(file: MachineFile, pin: Pin) -> chain.Pin:
-    """Return number of the body and place x + i z [m] of a pin."""
+    """Return number of the body (0: chassis) and place x + i z [m] in its frame of a pin."""
     return (CHASSIS, *(link.name for link in file.links)).index(pin.body), complex(*pin.at_m)

@@ -124,9 +124,12 @@ def _syntax(path: Path, text: str, problem: str) -> str:
 
 
 def _checked(raw: dict[str, Any], folder: Path, findings: Inspection) -> tuple[MachineFile, Parts]:
-    """Return the file's sections and the parts made from them.
+    """Return the file's valid sections and the parts made from them; errors and warnings are added to `findings`.
 
     Each stage runs when the sections that it needs are right.
+
+    raw: content of the file as parsed from TOML
+    folder: folder of the machine file, with its EDS files
     """
     file, good = read_sections(file_in_si(raw, findings), raw, findings)
     findings.errors.extend(name_faults(raw))
@@ -179,7 +182,10 @@ def _attachments(file: MachineFile, standard: Machine, findings: Inspection) -> 
 
 
 def _unusual(file: MachineFile, name: str) -> list[FaultError]:
-    """Return the unusual values of a section."""
+    """Return a warning for each unusual value of a section.
+
+    name: name of the section
+    """
     section = getattr(file, name)
     if isinstance(section, tuple):
         return [warning for k, table in enumerate(section) for warning in unusual(table, (name, k))]
@@ -190,7 +196,10 @@ CUT_OFFS, FAST = ("channel_hz", "regressor_hz", "smoothing_hz"), ("force_hz", "i
 
 
 def _filter_faults(table: FilterTable) -> list[FaultError]:
-    """Return cut-offs at or above half of the rate; defaults of the force's filters are lowered instead."""
+    """Return a fault for each cut-off at or above half of the rate.
+
+    Cut-offs of the force's filters (FAST) that the file does not give are lowered instead (`Filters.at`).
+    """
     nyquist = table.rate_hz / 2.0
     keys = [key for key in CUT_OFFS if getattr(table, key) >= nyquist]
     keys += [key for key in FAST if key in table.model_fields_set and getattr(table, key) >= nyquist]
@@ -217,7 +226,7 @@ def _service(file: MachineFile, built: Machine, parts: Parts) -> Service:
 
 
 def _filters(table: FilterTable) -> Filters:
-    """Return rates and cut-offs."""
+    """Return rate and cut-offs; the force's cut-offs are lowered where they are too high for the rate."""
     return Filters(
         rate_hz=table.rate_hz,
         channel_hz=table.channel_hz,

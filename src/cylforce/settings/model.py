@@ -22,7 +22,10 @@ TypeName = Literal["i8", "u8", "i16", "u16", "i32", "u32", "f32"]
 
 
 def _address(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is checked
-    """Return index and sub-index from a text such as "7130h:1". Raises ValueError."""
+    """Return index and sub-index (0 without one) from a text such as "7130h:1". Raises ValueError.
+
+    What is no text is returned unchanged, so that pydantic refuses it.
+    """
     if not isinstance(value, str):
         return value
     index, colon, sub = value.lower().partition(":")
@@ -36,7 +39,7 @@ def _address(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is 
 
 
 def _not_zero(value: float) -> float:
-    """Return the size of one digit of a raw value, in the unit of its key. Raises ValueError for 0."""
+    """Return the size of one digit of a raw value [SI] unchanged. Raises ValueError for 0."""
     if value == 0.0:
         raise ValueError("is 0: give the size of one digit")
     return value

@@ -47,6 +47,7 @@ def sealed(
 ) -> Seal:
     """Return the seal of a file's content.
 
+    content: value of each key of the file, without the seal
     before: the seal that it replaces; None: none
     who: user; None: the user of this program
     controller: identification of the controller
@@ -67,7 +68,10 @@ def sealed(
 
 
 def broken(content: Mapping[str, JsonValue], seal: Seal) -> tuple[str, ...]:
-    """Return the keys that are not as they were sealed; "seal" when the seal itself was changed."""
+    """Return the keys that were changed, added or removed since the seal; only "seal" when the seal itself was changed.
+
+    content: value of each key of the file, without the seal
+    """
     if _seal_hash(seal) != seal.sha256:
         return ("seal",)
     names = sorted(content.keys() | seal.keys.keys())

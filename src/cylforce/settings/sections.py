@@ -39,8 +39,10 @@ def read_sections(
 ) -> tuple[MachineFile, frozenset[str]]:
     """Return the file with its valid sections, and their names; every error goes to `findings`.
 
-    raw: the file in SI
-    written: the file as it is
+    An optional section that is not in the file has its default, and is valid. Only valid sections may be read.
+
+    raw: the file with SI values, as of `file_in_si`
+    written: the file as it is, with the keys and values that messages show
     """
     good: dict[str, Any] = {}
     for name, info in MachineFile.model_fields.items():
@@ -70,7 +72,11 @@ def _faults(error: ValidationError, name: str, written: Mapping[str, object]) ->
 
 
 def lacking(key: Key, name: str) -> FaultError:
-    """Return the fault of a table that lacks a key."""
+    """Return the fault of a table that lacks a key.
+
+    key: key of the table
+    name: the key that it lacks
+    """
     return FaultError(key, f"lacks the key {name}: add it", (name,))
 
 
@@ -120,7 +126,7 @@ def _other_kind(error: ErrorDetails, key: Key) -> FaultError:
 
 
 def _header(key: Key, opening: str = "[", closing: str = "]") -> str:
-    """Return how a table or array is written."""
+    """Return how a table or array at a key is written in TOML: with a header at the top level, else in one line."""
     if len(key) == 1:
         return f"{opening}{key[0]}{closing} and its keys below it"
     return "[..., ...]" if opening == "[[" else "{ key = value, ... }"
@@ -139,7 +145,7 @@ def _unknown(key: Key, table: type[BaseModel] | None) -> FaultError:
 
 
 def table_of(key: Key) -> type[BaseModel] | None:
-    """Return the model of the table at a key; None where a key may have one of several tables."""
+    """Return the model of the table at a key; None where it has none, or one of several (as a linkage has)."""
     models: tuple[type[BaseModel], ...] = (MachineFile,)
     for part in key:
         if isinstance(part, str) and len(models) == 1:

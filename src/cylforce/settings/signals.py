@@ -20,14 +20,15 @@ from cylforce.signals.kinds import INERTIAL, UNIT, Kind, Signal
 
 
 def signals(file: MachineFile, findings: Inspection) -> tuple[Signal, ...]:
-    """Return the signals in the order of the file; every error goes to `findings`."""
+    """Return the signals of all sensors without an error, in the order of the file; every error goes to `findings`."""
     all_signals = [findings.attempt(_signal, file, k) for k in range(len(file.sensors))]
     return tuple(signal for signal in all_signals if signal is not None)
 
 
 def _signal(file: MachineFile, k: int) -> Signal:
-    """Return the signal of sensor k; its standard error is that of rounding where the file has none. Raises
-    FaultError.
+    """Return the signal of sensor k; its standard error is that of rounding where the file has none.
+
+    Raises FaultError for a REAL32 without a standard error, and for a wrong period of its TPDO (`bus.period_s`).
     """
     table = file.sensors[k]
     error = table.standard_error
@@ -54,7 +55,11 @@ def _index(file: MachineFile, table: SensorTable) -> int:
 
 
 def measurement_faults(file: MachineFile, machine: Machine) -> Iterator[FaultError]:
-    """Yield faults of joints without an angle, of machines without any torque, and of contradictory sensors."""
+    """Yield faults of joints without an angle, of a machine without any torque, and of sensors that contradict each
+    other, give no unique angle, or need another sensor.
+
+    machine: the machine, with the signals of the file
+    """
     lengths = sorted({s.index for s in machine.signals if s.kind is Kind.CYLINDER_LENGTH})
     for c in lengths:
         yield from _inverse_faults(machine, c)
@@ -143,7 +148,11 @@ def columns(file: MachineFile, findings: Inspection) -> TableMap | None:
 
 
 def _column(name: str, raw: dict[str, object], kind: Kind, findings: Inspection) -> ColumnMap | None:
-    """Return the column of a signal in SI; None where it is wrong."""
+    """Return the column of a recording's table that has a signal; None where it is wrong: errors go to `findings`.
+
+    name, kind: of the signal
+    raw: its table in table.signals, with units in its keys
+    """
     key = ("table", "signals", name)
     before = len(findings.errors)
     converted = in_si(raw, UNIT[kind], COLUMN, key, findings)

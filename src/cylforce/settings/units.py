@@ -26,8 +26,9 @@ ANY = (0.0, 1.0)  # stands for a range that cannot be read: the file is refused,
 
 
 def file_in_si(raw: Mapping[str, Any], findings: Inspection) -> dict[str, Any]:
-    """Return the whole file with SI values in the tables that have units in their keys; every error goes to
-    `findings`.
+    """Return the whole file with SI values in the sensors' tables and the time column; every error goes to `findings`.
+
+    The signals' columns are converted in `signals.columns`, which knows their kinds. `raw` is not changed.
     """
     sensors, table = raw.get("sensors"), raw.get("table")
     out = dict(raw)
@@ -40,7 +41,10 @@ def file_in_si(raw: Mapping[str, Any], findings: Inspection) -> dict[str, Any]:
 
 
 def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
-    """Return a sensor's table in SI; one of unknown kind without the keys that have units."""
+    """Return a sensor's table in SI; one of unknown kind with the range ANY and without the keys that have units.
+
+    What is no table is returned unchanged.
+    """
     if not isinstance(raw, dict):
         return raw
     kind = raw.get("kind")
@@ -53,10 +57,12 @@ def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
 def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, findings: Inspection) -> dict[str, Any]:
     """Return a table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix.
 
-    An error goes to `findings`, and its key is omitted.
+    An error goes to `findings`, and its key is omitted. A missing range becomes ANY. A missing offset becomes the SI
+    value of zero in the unit of the other keys.
 
     unit: SI unit of the quantity
     words: keys that are written with a unit
+    key: key of the table in the file
     """
     suffixes, used, out = SUFFIXES[unit], list[str](), dict(raw)
     findings.errors.extend(_unit_faults(raw, suffixes, words, key))
@@ -77,17 +83,21 @@ def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, f
 
 
 def _filled(table: dict[str, Any], words: tuple[str, ...]) -> dict[str, Any]:
-    """Return a table with some range, if it should have one."""
+    """Return a table, with the range ANY if `range` is among its `words` and it has none."""
     return {"range": ANY, **table} if "range" in words else table
 
 
 def _zero(word: str, suffix: str) -> float:
-    """Return the SI value of zero in a unit; 0 for differences."""
+    """Return the SI value of zero in a unit; 0 for scale and standard error, which are differences."""
     return ZERO.get(suffix, 0.0) if word in ("offset", "range") else 0.0
 
 
 def _wrong(raw: Mapping[str, Any], suffixes: Mapping[str, float], words: tuple[str, ...]) -> list[str]:
-    """Return the keys without a unit or with the unit of another quantity."""
+    """Return the keys of a table without a unit or with the unit of another quantity.
+
+    suffixes: units that the keys may have
+    words: keys without their units
+    """
     foreign = {suffix for table in SUFFIXES.values() for suffix in table} - set(suffixes)
     return [name for word in words for name in (word, *(f"{word}_{s}" for s in sorted(foreign))) if name in raw]
 

@@ -23,10 +23,10 @@ HEADWAY = 2.4  # s of empty motion before the first cycle; chosen
 
 
 class Sweep(NamedTuple):
-    """A stroke of the nominal cycle.
+    """A stroke of one angle of `drive` in the nominal cycle.
 
-    start, stop: [s]
-    target: angle at its end, as a fraction of the joint's working range
+    start, stop: time from the begin of the cycle [s]
+    target: angle at its end, as a fraction of the working range of that angle
     """
 
     start: float
@@ -137,7 +137,9 @@ def of_joints(machine: Machine, scene: Scene) -> Scene:
 def _headway(machine: Machine, ranges: Array) -> Scene:
     """Return the scene before the first cycle: an empty move to HOME (to LOADER_HOME on a wheel loader).
 
-    ranges: (N, 2) working ranges of the joints [rad]
+    Its courses are of the angles of `drive`.
+
+    ranges: (N, 2) working ranges of the angles of `drive` [rad]
     """
     begin, courses = posture_at(machine, (0.55, 0.5, 0.5)), []
     home = LOADER_HOME if is_loader(machine) else HOME
@@ -148,11 +150,11 @@ def _headway(machine: Machine, ranges: Array) -> Scene:
 
 
 def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, swing: bool) -> Scene:
-    """Return one random digging cycle.
+    """Return one random digging cycle, with courses of the angles of `drive`.
 
-    ranges: (N, 2) working ranges of the joints [rad]
-    begin: (N,) posture from which it starts [rad]
-    swing: the house turns while the load is lifted, and back afterwards
+    ranges: (N, 2) working ranges of these angles [rad]
+    begin: (N,) these angles at its start [rad]
+    swing: the house turns while the load is lifted, and back afterwards: by 1 to 1.5 rad to a random side
     """
     stretch = float(rng.uniform(0.96, 15.0 / NOMINAL))
     courses = []
@@ -180,12 +182,12 @@ def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Arr
 
 
 def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tuple[Sweep, ...]) -> JointCourse:
-    """Return the strokes of joint j to targets given as fractions of its range.
+    """Return the course of joint j's angle of `drive`: its strokes to targets given as fractions of its range.
 
-    A stroke that its cylinder cannot make in time is shortened.
+    A stroke that its cylinder cannot make in time ends before its target.
 
-    ranges: (N, 2) working ranges of the joints [rad]
-    begin: (N,) posture at the start [rad]
+    ranges: (N, 2) working ranges of the angles of `drive` [rad]
+    begin: (N,) these angles at the start [rad]
     """
     low, high = ranges[j]
     posture, steps = begin.copy(), []
@@ -226,7 +228,10 @@ def moves(
 
 
 def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Move, ...]:
-    """Return swings of the house to either side and back, with rests, from `start` to `stop` [s]."""
+    """Return swings of the house by 1 to 1.5 rad and back, to one side and then the other, with rests.
+
+    start, stop: time in which they lie [s]
+    """
     steps: list[Move] = []
     t, side = start + 1.0, 1.0
     while t + 2 * TURN + 1.0 < stop:
@@ -239,10 +244,13 @@ def _turns(rng: np.random.Generator, start: float, stop: float) -> tuple[Move, .
 def _one_by_one(
     machine: Machine, ranges: Array, rng: np.random.Generator, begin: Array, stop: float
 ) -> list[list[Move]]:
-    """Return the strokes of each joint: one joint after the other, fast, slowly, and back at medium speed.
+    """Return the strokes of each joint's angle of `drive`, one joint after the other.
+
+    A joint moves fast to a random angle in the lower part of its range, slowly to one in the upper part, and back at
+    medium speed. A stroke for which there is no time is omitted.
 
     ranges: (N, 2) ranges of the strokes [rad]
-    begin: (N,) posture at the start [rad]
+    begin: (N,) angles of `drive` at the start [rad]
     stop: time at which the last stroke has ended [s]
     """
     steps: list[list[Move]] = [[] for _ in machine.links]
@@ -270,10 +278,12 @@ def _wander(
     j: int,
     window: tuple[float, float],
 ) -> list[Move]:
-    """Return strokes of joint j between random angles at random speeds, with short pauses.
+    """Return strokes of joint j's angle of `drive` between random angles at random speeds, with short pauses.
+
+    They go to and fro between the lower and the upper half of the range.
 
     ranges: (N, 2) ranges of the strokes [rad]
-    begin: (N,) posture at the start [rad]
+    begin: (N,) angles of `drive` at the start [rad]
     window: start and end [s]
     """
     low, high = ranges[j]

@@ -50,8 +50,9 @@ class Record(NamedTuple):
     scene: its number in the run, from 0
     t: (T,) time from the start of the run [s]
     physics: the true physics
-    analog: (T, S) sensor values with lag and errors, before noise and resolution [SI]
-    values: (T, S) values as sent [SI]
+    analog: (T, S) sensor values with lag and with the errors of `Truth.effects`, before zero error, noise and
+        resolution [SI]
+    values: (T, S) values as sent: `analog` with these, angles within the ranges of their sensors [SI]
     """
 
     scene: int
@@ -64,7 +65,8 @@ class Record(NamedTuple):
 def sensors(machine: Machine, nodes: tuple[SensorNode, ...]) -> Sensors:
     """Return the sensors of a machine by the machine file.
 
-    The noise is the standard error, the zero error is 0, the resolution is that of the PDOs, and the lag is typical."""
+    The noise is the standard error, the zero error is 0, the resolution is that of the PDOs, and the lag is typical. A
+    signal that no PDO carries, or one as a floating-point number, is not quantised."""
     fields = {f.signal: f for node in nodes for pdo in node.pdos for f in pdo.fields if f.code != "f"}
     steps = [(fields[s.name].scale, fields[s.name].offset) if s.name in fields else (0.0, 0.0) for s in machine.signals]
     quantum, origin = np.array(steps).reshape(-1, 2).T
@@ -152,6 +154,7 @@ def run(
 
     Each scene is sampled at the multiples of `dt` that lie within it. Sensor lags and delays continue across scenes.
 
+    truth: the true machine; its effects change the motion's forces and the sensors' values
     properties: properties of the sensors
     dt: time between two samples [s]
     rng: generator of the noise
@@ -176,8 +179,9 @@ def run(
 
 
 def _parts(scenes: Iterable[Scene], dt: float, part_s: float) -> Iterator[tuple[int, Scene, float, Array]]:
-    """Yield number, scene, start of the scene [s] and times (T,) from the start of the run [s], long scenes in
-    parts.
+    """Yield the parts of all scenes: number of the scene, the scene, its start [s], and the times (T,) [s] of the part.
+
+    The start and the times count from the start of the run.
 
     dt: time between two samples [s]
     part_s: longest part of a scene [s]

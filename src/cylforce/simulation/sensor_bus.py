@@ -22,9 +22,10 @@ OPERATIONAL = 5  # state byte of a heartbeat (CiA 301)
 class Window(NamedTuple):
     """A part of the run. Its frames are sent after `begin`, up to its last instant.
 
-    t:      (T,) instants, from the last one of the part before [s]
-    analog: (T, S) sensor values before noise and resolution [SI]
-    begin:  time after which its frames are sent [s]
+    t:      (T,) instants from the start of the run [s]; the first is the last one of the part before, so that values
+            between both can be interpolated
+    analog: (T, S) sensor values before zero error, noise and resolution [SI]
+    begin:  time after which its frames are sent, from the start of the run [s]
     """
 
     t: Array
@@ -41,7 +42,7 @@ def bus_events(
     arrive before the next tick. Event-timer PDOs are not synchronised and have jitter.
 
     properties: properties of the sensors
-    records: the run, part by part
+    records: the run, part by part, sampled at the service's rate
     start_us: time of the start of the run [us]
     rng: generator of jitter and noise
     """
@@ -64,7 +65,7 @@ def bus_events(
 
 
 def _window(before: Window | None, record: Record) -> Window:
-    """Return the part of a record, which begins where the part before ended."""
+    """Return the part of the run that ends with a record, and begins where the part before ended; None: the first."""
     if before is None:
         return Window(t=record.t, analog=record.analog, begin=float(record.t[0]) - 1e-9)
     return Window(
@@ -77,7 +78,7 @@ def _window(before: Window | None, record: Record) -> Window:
 def _clocked(service: Service, record: Record, start_us: int) -> Iterator[Event]:
     """Yield ticks, each followed by the synchronous PDOs that answer its SYNC.
 
-    record: part of the run, with times from its start [s] and sensor values [SI]
+    record: part of the run, with times from the start of the run [s] and the values that are sent [SI]
     start_us: time of the start of the run [us]
     """
     names = [signal.name for signal in service.machine.signals]
@@ -94,7 +95,7 @@ def _clocked(service: Service, record: Record, start_us: int) -> Iterator[Event]
 def _heartbeats(nodes: tuple[SensorNode, ...], window: Window, start_us: int) -> Iterator[Event]:
     """Yield the heartbeats of all nodes in a part of the run, at whole multiples of each node's period.
 
-    window: part of the run, with times from its start [s]
+    window: part of the run, with times from the start of the run [s]
     start_us: time of the start of the run [us]
     """
     for node in nodes:
@@ -116,7 +117,10 @@ class _Timer:
         self.pdo, self.due = pdo, first
 
     def until(self, end: float, rng: np.random.Generator) -> Array:
-        """Return the times (n,) [s] up to `end` at which the PDO is sent; the next call continues from there."""
+        """Return the times (n,) [s] up to `end` [s] at which the PDO is sent, and set `due` to the next one.
+
+        All count from the start of the run. The next call continues from there.
+        """
         count = int((end - self.due) / self.pdo.period_s * 1.5) + 8
         steps = self.pdo.period_s * (1.0 + JITTER * np.clip(rng.standard_normal(count), -5.0, 5.0))
         times = self.due + np.concatenate([[0.0], np.cumsum(steps)])
@@ -133,10 +137,12 @@ def _timer(pdo: Pdo, rng: np.random.Generator) -> _Timer:
 def _free_running(
     service: Service, properties: Sensors, timer: _Timer, window: Window, *, start_us: int, rng: np.random.Generator
 ) -> Iterator[Event]:
-    """Yield the frames of a PDO at the times of its own timer, with the sensor's values at those times.
+    """Yield the frames of a PDO at the times of its own timer, with the sensors' values at those times.
+
+    The timer goes on to its first time after this part of the run.
 
     properties: noise and resolution of the sensors
-    window: part of the run, with times from its start [s] and values before noise [SI]
+    window: part of the run, with times from the start of the run [s] and values before noise [SI]
     start_us: time of the start of the run [us]
     rng: generator of jitter and noise
     """

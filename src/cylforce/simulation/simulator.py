@@ -50,7 +50,7 @@ class CylinderFriction(NamedTuple):
 
     name: name of the law
     law: force per unit of the coefficient
-    value: (C,) coefficient of each cylinder
+    value: (C,) coefficient of each cylinder [N], of viscous friction [N s/m]
     """
 
     name: str
@@ -82,13 +82,13 @@ class Physics(NamedTuple):
     t: (T,) time from the start of the scene [s]
     course: joint motion
     moving: motion with the true cylinder forces
-    attitude: attitude of the chassis
-    friction: (T, C) friction contained in those forces [N]
+    attitude: attitude of the chassis; its slew rate has no sign, and contains slewing that no sensor measures
+    friction: (T, C) friction contained in those forces [N], with additional forces of cylinders by effects
     head, rod: (T, C) chamber pressures [Pa]
-    soil: (T, 2) force of the soil on the teeth, x forward, z truly vertical [N]
-    tip_velocity: (T, 2) velocity of the teeth in the same axes [m/s]
+    soil: (T, 2) force of soil and obstacles on the teeth, x forward, z truly vertical [N]
+    tip_velocity: (T, 2) velocity of the teeth relative to the chassis, in the same axes [m/s]
     tip: (T, 2) place of the teeth from the first pin in the same axes [m]
-    load: the load in the bucket
+    load: the load in the bucket, with what effects change of it
     turning: (T,) rate of an inertial sensor on the base [rad/s]
     specific: (T,) its specific force, forwards + i upwards [m/s^2]
     """
@@ -113,11 +113,11 @@ def draw_truth(
 ) -> Truth:
     """Return a true machine drawn at random.
 
-    Friction and return-line loss are drawn in proportion to piston areas. The ground is level where no sensor measures
-    the tilt.
+    Friction is drawn in proportion to the head areas, the pressure loss of the return lines independently of them.
+    Pitch and roll of the ground are within 0.03 rad, and zero where no sensor measures them.
 
-    mass_error: share of its mass by which each link differs from the machine file, up or down; its centre and inertia
-        differ in addition by up to half of that share
+    mass_error: share of its mass by which each link differs from the machine file, up or down; its inertia differs by
+        the same share; its centre and inertia differ in addition by up to half of that share
     effects: further differences from the model
     """
     signs = rng.choice((-1.0, 1.0), machine.size)
@@ -146,7 +146,10 @@ def draw_truth(
 
 
 def _with_errors(link: Link, factor: float, shape: Array) -> Link:
-    """Return the link with `factor` times its mass; cx, cz and inertia in addition larger by fractions (3,)."""
+    """Return the link with `factor` times its mass and inertia; cx, cz and inertia are in addition larger by shares.
+
+    shape: (3,) these shares, of cx, cz and inertia
+    """
     cx_error, cz_error, inertia_error = shape.tolist()
     return replace(
         link,
@@ -160,6 +163,8 @@ def _with_errors(link: Link, factor: float, shape: Array) -> Link:
 def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: float = 0.0) -> Physics:
     """Return the physics of a machine that follows a scene.
 
+    machine: the machine of the machine file, without the errors of `truth`
+    truth: masses, friction and ground of the true machine, and its other differences
     t: (T,) times from the start of the scene [s]
     begin: start of the scene after the start of the run [s]
     """
@@ -201,8 +206,10 @@ def simulate(machine: Machine, truth: Truth, scene: Scene, t: Array, begin: floa
 def specific_force(machine: Machine, effects: Sequence[Imposed], attitude: Attitude, swung: Swing) -> Complex:
     """Return the reading of an accelerometer at the machine's `inertial` place (T,), forwards + i upwards [m/s^2].
 
-    It is the sum of gravity, the swing about the pivot of the effects that move the chassis, and the centripetal
-    acceleration of slewing.
+    It is the sum of gravity's counterforce (upwards while the machine rests), the acceleration of the swing about the
+    pivot of the effects that move the chassis, and the centripetal acceleration of slewing.
+
+    swung: the swing of the chassis, which the pitch of `attitude` contains
     """
     from_pivot = machine.inertial + sum(complex(*imposed.sizes[:2]) for _, imposed in base_motions(effects))
     gravity = 1j * machine.gravity * np.cos(attitude.roll) * np.exp(-1j * np.asarray(attitude.pitch))
@@ -218,8 +225,8 @@ def _plane(z: Complex) -> Array:
 def standing(pitch: float, roll: float, turn: Array) -> Attitude:
     """Return the attitude (T,) of a house turned on sloping ground.
 
-    sin(roll) = a_y/g and pitch = atan2(a_x, a_z), with a the direction of gravity in the house's axes
-    (mechanics/README.md, section 1).
+    sin(roll) = a_y/g and pitch = atan2(a_x, a_z), with a what an accelerometer at rest would read in the house's axes,
+    gravity's counterforce (mechanics/README.md, section 1).
 
     pitch, roll: of the ground [rad]
     turn: (T,) angle of the house from its tracks [rad]
@@ -343,8 +350,9 @@ def balance(machine: Machine, truth: Truth, moving: Motion, tau: Array, t: Array
     """Return the motion with cylinder forces F, and the friction (T, C) [N] in them.
 
     lever^T F = tau + torques of the effects and of the friction. Effects and friction may depend on the force, so that
-    F is found by iteration.
+    F is found by iteration. The friction contains the additional forces of cylinders by effects.
 
+    moving: motion, whose forces are not used
     tau: (T, N) torques that the motion needs [N m]
     t:   (T,) time from the start of the run [s]
     """

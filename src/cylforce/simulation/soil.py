@@ -18,7 +18,7 @@ class Dig(NamedTuple):
     dump_start, dump_stop: the load is dumped between these times [s]
     mass: load that fills the bucket while digging [kg]
     centre: (x, z) of the load in the last link's frame [m]
-    force: resistance of the soil at first and at most [N]
+    force: resistance of the soil at first, and at most [N], before `waves` modulate it
     waves: (K, 3) modulation of the resistance: amplitude (share of the force), angular frequency [rad/s], phase [rad]
     """
 
@@ -33,7 +33,7 @@ class Dig(NamedTuple):
 
 
 def carried(mass: float, centre: tuple[float, float]) -> Dig:
-    """Return a digging operation in the past: its load is in the bucket throughout.
+    """Return a digging operation that ended before the scene, without force: its load is in the bucket throughout.
 
     mass: [kg]
     centre: (x, z) of the load in the last link's frame [m]

@@ -29,8 +29,8 @@ class Phase(IntEnum):
 class Move(NamedTuple):
     """A minimum-jerk stroke.
 
-    start, stop: [s]
-    rise: change of the angle [rad]
+    start, stop: time from the start of the scene [s]
+    rise: change of the angle, with its sign [rad]
     """
 
     start: float
@@ -89,9 +89,9 @@ class Scene(NamedTuple):
     """A part of a run.
 
     duration: [s]
-    joints: courses of the joints
+    joints: courses of the N joints; of the angles of `drive` until `scenario.of_joints` converts them
     slew: course of the house
-    phases: (start [s], phase) in order of time
+    phases: (start from that of the scene [s], phase) in order of time
     dig: the digging operation; None: an empty bucket
     """
 

@@ -33,7 +33,11 @@ class RawTable(NamedTuple):
 
 
 def name_faults(raw: Raw) -> Iterator[FaultError]:
-    """Yield all faults of names, node-IDs, references, and several sensors at one location."""
+    """Yield all faults of names, node-IDs and references, of nodes without a sensor, and of sensors that measure the
+    same.
+
+    raw: content of the file as parsed from TOML
+    """
     for table in ("links", "attachments", "cylinders", "nodes", "sensors"):
         yield from _taken_names(raw, table)
     yield from _taken_node_ids(raw)
@@ -55,8 +59,9 @@ def entries(raw: Raw, table: str) -> list[RawTable]:
 
 
 def _names(raw: Raw, table: str) -> list[str]:
-    """Return all names of an array's tables; none when one is missing or wrong, because a reference may mean that
-    one.
+    """Return all names of an array's tables; none when one is missing, wrong, reserved or used twice.
+
+    A reference that seems to be wrong may mean that one.
     """
     given = [entry.table.get("name") for entry in entries(raw, table)]
     names = [name for name in given if isinstance(name, str) and re.match(NAME, name)]
@@ -80,7 +85,7 @@ def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
 
 
 def _taken_node_ids(raw: Raw) -> Iterator[FaultError]:
-    """Yield a fault for each node-ID that is used twice."""
+    """Yield a fault for each node-ID of a sensor node that an earlier one, or cylforce's own node, has."""
     publication = raw.get("publication")
     number = publication.get("node_id", OWN_NODE) if isinstance(publication, dict) else OWN_NODE
     taken = {number: "cylforce's own node"} if isinstance(number, int) else {}
@@ -106,7 +111,7 @@ def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
 
 
 def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
-    """Yield the faults of a sensor's node and location."""
+    """Yield the faults of a sensor's keys `node` and `at`: they name nothing of the file, or what it cannot be at."""
     node, names = sensor.table.get("node"), _names(raw, "nodes")
     if isinstance(node, str) and names and node not in names:
         yield FaultError((*sensor.key, "node"), f"is {shown(node)}, which is no node: write one of {', '.join(names)}")
@@ -138,7 +143,7 @@ def _place(raw: Raw, key: Key, kind: str, at: str | None) -> Iterator[FaultError
 
 
 def _same_places(raw: Raw) -> Iterator[FaultError]:
-    """Yield a fault for each sensor that measures the same as another one."""
+    """Yield a fault for each sensor of the same kind at the same cylinder, link or chassis as an earlier one."""
     first: dict[tuple[str, str], object] = {}
     for entry in entries(raw, "sensors"):
         kind, at = entry.table.get("kind"), entry.table.get("at", CHASSIS)

@@ -101,7 +101,9 @@ def _judge(findings: Inspection, key: Key, value: float, limits: Limits, problem
 
 
 def _check_link(machine: Machine, j: int, findings: Inspection) -> None:
-    """Check a link's mass, centre of gravity, inertia and their tolerance against its length."""
+    """Check a link's mass, centre of gravity, inertia and tolerance of the centre against its length; and how far its
+    joint turns.
+    """
     link, key = machine.links[j], ("links", j)
     length = max(link.length, 1e-9)
     line = link.mass / length
@@ -125,7 +127,7 @@ def _check_link(machine: Machine, j: int, findings: Inspection) -> None:
 
 
 def _check_range(machine: Machine, j: int, findings: Inspection) -> None:
-    """Check how far a joint turns."""
+    """Check how far a joint turns, and whether its range seems to be in radians."""
     link = machine.links[j]
     low, high = link.angle_low / DEGREE, link.angle_high / DEGREE
     problem = f"spans {high - low:.3g} degrees, joints have 20 to 270: check it"
@@ -137,7 +139,7 @@ def _check_range(machine: Machine, j: int, findings: Inspection) -> None:
 
 
 def _check_pins(machine: Machine, c: int, findings: Inspection) -> None:
-    """Check that a cylinder's pins lie on their bodies."""
+    """Warn of a cylinder's pin that is farther from its body's origin than the body is large."""
     for body, at in machine.cylinders[c].linkage.pins:
         name = machine.links[body - 1].name if body else "chassis"
         reach = PIN_REACH * machine.links[body - 1].length if body else CHASSIS_REACH
@@ -147,7 +149,9 @@ def _check_pins(machine: Machine, c: int, findings: Inspection) -> None:
 
 
 def _check_load(machine: Machine, findings: Inspection) -> None:
-    """Check payload and tool against the arm."""
+    """Check the rated payload against the arm's mass, the tool against its other links, and the payload's reach against
+    the tool.
+    """
     mass = sum(link.mass for link in machine.links)
     share = machine.rated_payload / mass
     problem = (
@@ -208,7 +212,8 @@ def _check_holding_pressure(machine: Machine, j: int, c: int, findings: Inspecti
 def _holding_pressure(machine: Machine, j: int, c: int) -> float:
     """Return the pressure p = g sum(m x) / (r A) [Pa] on the head side of a cylinder that holds the rated payload.
 
-    The arm beyond joint j is stretched out and level, at the largest lever r. Infinite where there is no lever.
+    The arm beyond joint j is stretched out and level, with x the distances from that joint. The lever r is the largest
+    over the joint's range, so that p is the least that is needed. Infinite where there is no lever.
     """
     theta = np.zeros((181, machine.size))
     theta[:, j] = np.linspace(machine.links[j].angle_low, machine.links[j].angle_high, 181)

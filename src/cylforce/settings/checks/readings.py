@@ -38,7 +38,10 @@ UNITS = {"Pa": (BAR, "bar"), "rad": (DEGREE, "deg"), "rad/s": (DEGREE, "deg/s")}
 
 
 def check_signal(machine: Machine, k: int, findings: Inspection) -> None:
-    """Check range, noise and name of a sensor."""
+    """Check a sensor: span of its range, noise, what the range covers, and name.
+
+    Refuses or warns of a span beyond the limits of SPANS.
+    """
     signal, key = machine.signals[k], ("sensors", k)
     span = signal.high - signal.low
     refuse_low, warn_low, warn_high, refuse_high = SPANS[signal.kind]
@@ -54,7 +57,7 @@ def check_signal(machine: Machine, k: int, findings: Inspection) -> None:
 
 
 def _check_noise(signal: Signal, key: Key, findings: Inspection) -> None:
-    """Check a sensor's standard error against its range."""
+    """Check a sensor's standard error, over the span of its range: NOISE_REFUSE refuses, NOISE_WARN warns."""
     share = signal.standard_error / (signal.high - signal.low)
     problem = (
         f"is {_shown(signal, signal.standard_error)}, {100 * share:.2g} % of the range: check its unit, or the scale"
@@ -66,8 +69,10 @@ def _check_noise(signal: Signal, key: Key, findings: Inspection) -> None:
 
 
 def _check_cover(machine: Machine, signal: Signal, key: Key, findings: Inspection) -> None:
-    """Check that a sensor covers its joint's or cylinder's whole range; a sensor of a whole circle covers every
-    angle.
+    """Check that a sensor of angle or length covers the whole range of its joint or cylinder.
+
+    Refuses one that covers less than COVERED of it, warns of one whose range ends within it by more than SLACK. A
+    sensor of a whole circle covers every angle. Of an inclinometer there is a warning only.
     """
     if signal.kind in AT_LINK and is_circle(signal.low, signal.high):
         return

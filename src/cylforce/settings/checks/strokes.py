@@ -26,7 +26,10 @@ RETRACTED_LENGTH = 4.0  # retracted length over the stroke: data sheets have 1.2
 
 
 def check_cylinder(machine: Machine, c: int, findings: Inspection) -> None:
-    """Check a cylinder's linkage in the range of its joints."""
+    """Check a cylinder's linkage in the ranges of the one or two joints on which it acts.
+
+    Refuses a cylinder that moves no joint. Warns of a stroke that is short for the retracted length.
+    """
     span, key = machine.spans[c], ("cylinders", c, "linkage")
     cylinder = machine.cylinders[c]
     stroke = cylinder.length_high - cylinder.length_low
@@ -44,7 +47,10 @@ def check_cylinder(machine: Machine, c: int, findings: Inspection) -> None:
 
 
 def _check_single(machine: Machine, c: int, findings: Inspection) -> None:
-    """Check a cylinder that acts on one joint."""
+    """Check a cylinder that acts on one joint: closing of its linkage, lever, and length against the end stops.
+
+    Refuses a linkage that cannot be closed at an angle of the joint's range; the rest is not checked then.
+    """
     (j,) = machine.spans[c]
     joint, key = machine.links[j], ("cylinders", c, "linkage")
     theta = np.zeros((SCAN, machine.size))
@@ -62,6 +68,8 @@ def _check_single(machine: Machine, c: int, findings: Inspection) -> None:
 
 def _check_lever(stretch: Stretch, j: int, degrees: Array, joint: str, key: Key, findings: Inspection) -> None:
     """Check that the lever of joint j keeps its sign over the range, away from a dead point.
+
+    Refuses a change of sign. Warns where the linkage comes near its dead point (NEAR_DEAD).
 
     stretch: length, lever [m/rad] and transmission of the cylinder at SCAN angles of the joint
     degrees: (SCAN,) these angles [deg]
@@ -83,6 +91,9 @@ def _check_lever(stretch: Stretch, j: int, degrees: Array, joint: str, key: Key,
 
 def _check_ends(machine: Machine, c: int, length: Array, degrees: Array, findings: Inspection) -> None:
     """Check the cylinder's length over the joint's range against its end stops.
+
+    Refuses a length far beyond an end stop (BEYOND_REFUSE). Warns of one a little beyond (BEYOND_WARN), and of a part
+    of the stroke that is not used (UNUSED_WARN).
 
     length: (SCAN,) length of cylinder c [m]
     degrees: (SCAN,) angles of the joint [deg]
@@ -114,6 +125,8 @@ def _check_ends(machine: Machine, c: int, length: Array, degrees: Array, finding
 def _check_reached(joint: str, degrees: Array, share: float, key: Key, findings: Inspection) -> None:
     """Check that the angles at which some posture fits the cylinder are a large enough share of a joint's range.
 
+    Refuses a share below REACHED_REFUSE, warns of one below REACHED_WARN.
+
     joint: name of the joint's link
     degrees: (n,) these angles [deg]
     share: their share of the joint's range
@@ -132,7 +145,9 @@ def _check_reached(joint: str, degrees: Array, share: float, key: Key, findings:
 def _check_double(machine: Machine, c: int, findings: Inspection) -> None:
     """Check a cylinder over two joints.
 
-    The file does not contain which of their postures occur together, so only a linkage that fits in none is refused.
+    The file does not contain which of their angles occur together. Therefore only a linkage is refused that fits in no
+    posture, or in a small share of a joint's range only (`_check_reached`). A lever of the outer joint that changes its
+    sign gives a warning.
     """
     cylinder, key = machine.cylinders[c], ("cylinders", c, "linkage")
     first, second = machine.spans[c]

@@ -18,8 +18,11 @@ AGREE = 0.03  # difference between heights and angles of data sheets, times the 
 def first_range(
     kind: MachineType, lengths: Sequence[float], ranges: Sequence[Range], values: Mapping[str, Any], s: float
 ) -> Range:
-    """Return the angle range [deg] of the first joint: `ranges[0]`, or one that follows from the envelope. Raises
-    ValueError.
+    """Return the angle range [deg] of the first joint: `ranges[0]`, or one that follows from the envelope.
+
+    The lower end follows from the digging depth or the lowered hinge's height, the upper end from the cutting height or
+    the raised hinge's height. Raises ValueError, in a sentence, for heights that the links do not reach, or that leave
+    a range of less than 10 degrees.
 
     lengths: of all links [m]
     ranges: angle ranges of all links [deg]
@@ -44,11 +47,12 @@ def first_range(
 
 
 def _downwards(depth: float, length: float, given: float) -> float:
-    """Return the angle [deg] at which the first link's end is `depth` [m] below its pin. Raises ValueError.
+    """Return the angle [deg], negative, at which the first link's end is `depth` [m] below its pin. Raises ValueError.
 
-    Stick and tool point straight down.
+    Stick and tool point straight down then, and reach the digging depth.
 
-    given: the digging depth of the data sheet [m]
+    length: length of the first link [m]
+    given: the digging depth of the data sheet, for the error's text [m]
     """
     if not 0.0 < depth < np.sin(np.radians(STEEPEST)) * length:
         raise ValueError(
@@ -103,7 +107,9 @@ def _cutting(rise: float, lengths: Sequence[float], ranges: Sequence[Range], giv
 
     Stick and tool are at the best angles of their ranges.
 
-    given: the cutting height of the data sheet [m]
+    lengths: of all links [m]
+    ranges: angle ranges of all links [deg]
+    given: the cutting height of the data sheet, above the ground, for the error's text [m]
     """
 
     def above(angle: float) -> float:
@@ -120,7 +126,11 @@ def _cutting(rise: float, lengths: Sequence[float], ranges: Sequence[Range], giv
 
 
 def highest(angle: float, lengths: Sequence[float], ranges: Sequence[Range]) -> float:
-    """Return how far [m] the last link's end comes above the first pin, with the first joint at an angle [deg]."""
+    """Return how far [m] the last link's end comes at most above the first pin, with the first joint at `angle` [deg].
+
+    lengths: of all links [m]
+    ranges: angle ranges of all links [deg], within which all but the first joint may turn
+    """
     grids = np.meshgrid(*(np.linspace(*r, GRID) for r in ranges[1:]), indexing="ij")
     q, height = np.radians(angle), lengths[0] * np.sin(np.radians(angle))
     for length, turned in zip(lengths[1:], grids, strict=True):

@@ -33,7 +33,9 @@ class Figure(NamedTuple):
 
 
 def figures(kind: MachineType, raw: Raw, tonnes: float) -> tuple[Figure, ...]:
-    """Return the figures of a machine of this type. Raises ValueError.
+    """Return the figures that a data sheet of a machine of this type and mass may give, each with its typical value.
+
+    Typical lengths grow with the cube root of the operating mass, masses in proportion to it.
 
     raw: tables of the type's example
     tonnes: operating mass [t]
@@ -87,7 +89,10 @@ def reached_over(raw: Raw, k: int) -> tuple[int, ...]:
 
 
 def drive_range(raw: Raw, k: int) -> Range:
-    """Return the range [deg] of the angle that the cylinder at joint k sets: of its joint, or from the chassis."""
+    """Return the range [deg] of the angle that the cylinder at joint k sets: of its joint, or from the chassis.
+
+    From the chassis it is the range that remains at every angle of the joints that the cylinder reaches over.
+    """
     low, high = raw["links"][k]["angle_range_deg"]
     others = [raw["links"][i]["angle_range_deg"] for i in reached_over(raw, k)]
     return (
@@ -136,7 +141,10 @@ def _standard(mm: float) -> float:
 
 
 def parsed(figure: Figure, text: str) -> Value:
-    """Return the value that a text gives a figure. Raises ValueError that names key, value, limit and cure."""
+    """Return the value, in the figure's unit, that a text gives a figure.
+
+    Raises ValueError, which names key, value, limit and cure, for a text of another shape or a value beyond the limits.
+    """
     if figure.shape is str:
         if not text.isprintable():
             raise ValueError(f"{figure.key} is {text!r}: write one line of letters, digits and signs")

@@ -15,7 +15,7 @@ from cylforce.signals.units import DEGREE
 
 ROOM = 0.01  # share of the stroke that remains at either end of the joint's range; chosen
 STIFF = 0.25  # how far rocker and link change, relative to a cylinder's foot: makers keep a linkage; chosen
-MOST_MOVED = 0.5  # largest distance of pins from the typical ones, times the linkage's size; chosen
+MOST_MOVED = 0.5  # largest change of a number of `_adjustable`, times the largest of these numbers; chosen
 LEAST_LEVER = 0.25  # least lever over the range, times the largest: below it the force hardly shows the load; chosen
 LEAST_TRANSMISSION = 0.3  # least sine of the angle between rocker and link; chosen
 LONGEST = 1.91  # open over closed length: a closed cylinder is at least 1.1 strokes long, for piston, gland and eyes
@@ -24,7 +24,8 @@ LONGEST = 1.91  # open over closed length: a closed cylinder is at least 1.1 str
 def fit_pins(tables: dict[str, Any], k: int, wanted: Range | None, shown: Range) -> None:
     """Give cylinder k of the tables pins with which its stroke covers its joint's range, room of ROOM kept.
 
-    Raises ValueError, in a sentence, where there are no such pins near the typical ones.
+    Its linkage (in millimetres) and its length_range_m are changed in `tables`. Raises ValueError, in a sentence, where
+    there are no such pins near the typical ones, or where lever, dead point or lengths are bad (`_problem`).
 
     wanted: closed and open length [m]; None: the pins stay, and its lengths follow from them
     shown: the joint's range as `angle_range_deg` of a data sheet gives it [deg]
@@ -55,12 +56,17 @@ def driven(tables: Raw, k: int) -> int:
 
 
 def _move(machine: Machine, tables: dict[str, Any], k: int, inner: Range) -> None:
-    """Move the pins of cylinder k until its lengths over the range are `inner` [m]. Raises ValueError."""
+    """Move the pins of cylinder k until its shortest and longest length over the joint's range are `inner` [m].
+
+    They are changed in `tables`. Raises ValueError, in a sentence, where no pins near the typical ones do so.
+
+    machine: the machine with the typical pins
+    """
     cylinder = tables["cylinders"][k]
     shape, start = cylinder["linkage"], _adjustable(cylinder["linkage"])
 
     def ends(x: Array) -> Range:
-        """Return the lengths [m] with other pins."""
+        """Return the shortest and longest length [m] with the numbers x of `_adjustable`, which are written."""
         _set_adjustable(shape, x)
         return lengths(machine, k, linkage(tables, shape))
 
@@ -116,7 +122,7 @@ def _set_adjustable(shape: dict[str, Any], x: Array) -> None:
 
 
 def _round(shape: dict[str, Any]) -> None:
-    """Round the numbers of a linkage to millimetres."""
+    """Round the coordinates and lengths [m] in the table of a linkage to millimetres."""
     for key, part in shape.items():
         if isinstance(part, Mapping):
             shape[key] = {**part, "at_m": [round(p, 3) for p in part["at_m"]]}
@@ -142,7 +148,10 @@ def _problem(machine: Machine, k: int) -> str | None:
 
 
 def bare_machine(tables: Raw) -> Machine:
-    """Return the machine's geometry: links, linkages, lengths, without masses and signals."""
+    """Return a machine for its geometry only: links, linkages, and lengths of the cylinders.
+
+    It has no signals. Centres, inertias, piston areas and payload are no true values.
+    """
     links = tuple(
         Link(
             name=link["name"],
@@ -183,11 +192,11 @@ def bare_machine(tables: Raw) -> Machine:
 
 
 def linkage(tables: Raw, shape: Mapping[str, Any]) -> Linkage:
-    """Return the linkage of a table of the machine file."""
+    """Return the linkage of a table of the machine file: a triangle or a four-bar, no dogbone."""
     bodies = ["chassis", *(link["name"] for link in tables["links"])]
 
     def pin(key: str) -> tuple[int, complex]:
-        """Return number of the body and place of a pin."""
+        """Return number of the body (0: chassis) and place x + i z [m] in its frame of a pin."""
         return bodies.index(shape[key]["body"]), complex(*shape[key]["at_m"])
 
     if shape["kind"] == "triangle":

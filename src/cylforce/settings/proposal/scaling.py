@@ -36,7 +36,9 @@ class ProposedMachine(NamedTuple):
 def proposal(
     kind: MachineType, raw: Raw, tonnes: float, values: Mapping[str, Value], given: frozenset[str]
 ) -> ProposedMachine:
-    """Return the machine. Raises ValueError, in a sentence, for figures that do not fit together.
+    """Return the example's machine with the given figures: scaled, and its pins fitted to the cylinders.
+
+    Raises ValueError, in a sentence, for figures that do not fit together.
 
     raw: tables of the type's example
     tonnes: operating mass [t]
@@ -75,7 +77,7 @@ def _set_machine(tables: Tables, values: Values, s: float) -> None:
 
 
 def _length(tables: Raw, k: int) -> float:
-    """Return the length of a link from its inner pin to its outer one, or to the teeth [m]."""
+    """Return the length of link k from its inner pin to its outer one [m]; of the last one x of the tooth line."""
     return float(tables["links"][k].get("length_m", tables["tool"]["point_m"][0]))
 
 
@@ -122,7 +124,10 @@ def _ranges(kind: MachineType, tables: Tables, values: Values, given: frozenset[
 
 
 def _set_ranges(tables: Tables, raw: Raw, ranges: list[Range]) -> None:
-    """Set the joints' angle ranges [deg] from those of `_ranges`."""
+    """Set the joints' angle ranges [deg] in `tables` from those of `_ranges`.
+
+    A range from the chassis becomes that of the joint: large enough at every angle of the joints reached over.
+    """
     for k, link in enumerate(tables["links"]):
         others = [ranges[i] for i in reached_over(raw, k)]
         low, high = ranges[k][0] - sum(o[1] for o in others), ranges[k][1] - sum(o[0] for o in others)
@@ -134,10 +139,11 @@ def _fit(
 ) -> dict[str, Range]:
     """Fit the pins of cylinder k; return the range [deg] that was narrowed for it, by its key, else nothing.
 
-    A typical range is narrowed in `ranges` until pins fit. Raises ValueError, with the widest range that fits, where
-    the range was given.
+    Linkage and lengths of the cylinder and the joints' ranges are changed in `tables`. A typical range is narrowed in
+    `ranges` until pins fit. Raises ValueError where none fit, or, with the widest range that fits, where the range was
+    given.
 
-    ranges: angle range of each link [deg]
+    ranges: angle range of each link [deg], as of `_ranges`
     wanted: closed and open length of the cylinder [m]; None: not given
     given: keys that came from the data sheet
     """
@@ -212,8 +218,8 @@ def _set_cylinder(tables: Tables, raw: Raw, k: int, values: Values, given: froze
 def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[float]:
     """Return the place of a pin of the example on the new machine [m].
 
-    The pin keeps its distance, times the size, from the nearer end of its link. In the middle of a link it keeps its
-    share of the length.
+    Along its link the pin keeps its distance, times the size, from the end that it is near to (NEAR_END). In the middle
+    it keeps its share of the length. Across the link, on the chassis and on the last link, all is scaled by the size.
 
     s: size of the machine, times the example's
     outer: keep the distance from the outer end, as for a link with a rocker: the same linkage is used on longer and
@@ -233,7 +239,8 @@ def _moved(tables: Tables, raw: Raw, pin: Raw, s: float, outer: bool) -> list[fl
 def _given_lengths(values: Values, cylinder: Raw, s: float) -> tuple[float, float] | None:
     """Return closed and open length [m] from the data sheet; None where neither stroke nor closed length is given.
 
-    If one of them is missing, it follows from the example: closed length less stroke is scaled with the size.
+    If one of them is missing, it follows from the example: closed length less stroke is scaled with the size. Raises
+    ValueError, in a sentence, unless the closed length exceeds the stroke.
 
     values: figures by key, stroke and closed length in mm
     cylinder: table of the example's cylinder, whose lengths are in m
@@ -255,7 +262,7 @@ def _given_lengths(values: Values, cylinder: Raw, s: float) -> tuple[float, floa
 
 
 def _set_bus(tables: Tables, values: Values) -> None:
-    """Set node numbers, and the ranges of the angle sensors."""
+    """Set the node-IDs and remove the identities of the nodes; set the ranges of the joints' angle sensors."""
     for node in tables["nodes"]:
         node["node_id"] = values[f"{node['name']}.node_id"]
         node.pop("identity", None)  # the example's sensors are others

@@ -42,7 +42,10 @@ def text(kind: MachineType, example: str, proposed: ProposedMachine, tonnes: flo
 
 
 def _update(document: Any, tables: Mapping[str, Any]) -> None:  # noqa: ANN401 - any table of tomlkit
-    """Write the values of `tables` over those of a document; a value that changes loses its comment."""
+    """Write the values of `tables` over those of a document; a value that changes loses its comment.
+
+    Keys of the document that `tables` lacks are removed.
+    """
     for key in [key for key in document if key not in tables]:
         del document[key]
     for key, value in tables.items():
