@@ -108,7 +108,9 @@ def common_scale(model: Model, data: Factors, noise: Array) -> CommonScale:
 
 
 def _worst_tolerances(model: Model, fit: Fit, prior: Prior) -> float:
-    """Return |s - 1| of a right scale when all figures of the links use up their tolerances in the worst direction.
+    """Return the |s - 1| that right pressures give when all figures of the links use up their tolerances.
+
+    Each figure is wrong in the direction that makes |s - 1| larger.
 
     With A the rows and C the prior's covariance, the estimate changes with the prior's mean by (A'A + C^-1)^-1 C^-1.
 

@@ -89,7 +89,7 @@ def load_or_contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Sus
     A piston area comes first, where it explains the recording better than the other two. Contact comes next, then a
     load.
 
-    whole: factors with the tool's columns (`Model.tool`) behind those of the P parameters
+    whole: factors with the tool's columns (`Model.tool`) after those of the P parameters
     noise: (R,) rms residual of each torque fitted alone [N m]
     fit: fit of the P parameters alone
     """
@@ -106,7 +106,11 @@ def load_or_contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Sus
 
 
 def _wrong_bore(model: Model, row: int, area: Explanation) -> Suspicion:
-    """Return the suspicion that the cylinders of a row have another bore."""
+    """Return the suspicion that the cylinders that act on a measured joint have another bore.
+
+    row: number of the joint's torque among the R measured ones
+    area: by which share this torque is too large (`area_errors`)
+    """
     name = " and ".join(model.machine.cylinders[c].name for c in model.acting[row])
     large, fitting = area.value > 0.0, (1.0 + area.value) ** -0.5
     return Suspicion(
@@ -150,7 +154,7 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
     The force (x forward, z up) has a prior of zero with a standard error of four rated payloads' weight. That error
     remains in directions that the block's postures do not show.
 
-    whole: factors with the tool's columns (`Model.tool`) behind those of the P parameters
+    whole: factors with the tool's columns (`Model.tool`) after those of the P parameters
     noise: (R,) rms residual of each torque fitted alone [N m]
     fit: fit of the P parameters alone
     """
@@ -184,7 +188,7 @@ def contact(model: Model, whole: Factors, noise: Array, fit: Fit) -> Contact:
 def residual_with_tip_force(model: Model, whole: Factors, error: Array, values: Array) -> Array:
     """Return the sums of squared residuals (B, R) [N^2 m^2] with the best force at the tool in each block.
 
-    whole: factors with the tool's columns (`Model.tool`) behind those of the P parameters
+    whole: factors with the tool's columns (`Model.tool`) after those of the P parameters
     error: (R,) standard errors of the rows [N m]
     values: (P,) parameters
     """
@@ -233,7 +237,7 @@ def with_load(model: Model, data: Factors) -> tuple[Factors, Prior]:
 
 
 def area_errors(model: Model, data: Factors, noise: Array, fit: Fit) -> list[Explanation]:
-    """Return for each of the R measured torques by which share it exceeds that of the masses the others measure.
+    """Return for each of the R measured torques the share by which it exceeds what masses measured by the others give.
 
     Where the share is positive, the true piston area is smaller than in the machine file, by about that share. Each
     share is fitted by itself, with all masses.

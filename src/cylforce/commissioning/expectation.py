@@ -94,7 +94,7 @@ def cost(tares: Tares, expected: Expected) -> Array:
     """Return the contribution (P,) [kg] of each tare to the weight's standard error; median over the postures.
 
     It is the root of the variance that would disappear if this tare were exact, correlations included. Postures in
-    which weighing is impossible do not count; without any other the result is NaN.
+    which weighing is impossible do not count; where all are such, the result is NaN.
     """
     weighable = np.isfinite(expected.standard_error)
     part = expected.gain[weighable] @ tares.covariance / np.sqrt(np.diag(tares.covariance))

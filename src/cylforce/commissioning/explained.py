@@ -100,7 +100,7 @@ def criterion(model: Model, fitted: Factors, squares: Array, values: Array, adde
 
     fitted: factors of the recording
     squares: (R,) sum of the squared residuals [N^2 m^2]
-    values: parameters of the empty machine (P,); further ones behind them are not used
+    values: parameters of the empty machine (P,); further ones after them are not used
     added: number of parameters beyond those of the empty machine
     """
     count, size = np.sum(fitted.samples, axis=0) / CORRELATED, 3 * model.machine.size
@@ -119,6 +119,8 @@ def row_noise(factors: Factors, prior: Prior) -> Array:
 
     Residuals of the common fit are not used: a row that fits well would get a larger weight, then fit still better, and
     dominate.
+
+    factors: factors of a recording, for the P parameters of `prior` alone
     """
     rows = range(factors.samples.shape[1])
     alone = [_alone(factors, prior, r) if np.any(factors.samples[:, r]) else np.nan for r in rows]

@@ -43,7 +43,7 @@ class Judgement(NamedTuple):
 
     weight_error: expected standard error of a weight [kg], not exceeded in LIKELY per cent of the postures, without
         that of the scale, which the empty machine cannot reduce; NaN: not yet known; infinite: weighing is impossible
-        in more than the other postures
+        in more than 100 - LIKELY per cent of them
     refusal: one sentence why the samples are refused, or None
     """
 

@@ -245,7 +245,7 @@ def _columns_of(model: Model, part: Model) -> list[int]:
 
 
 def _with_tool_columns(model: Model, part: Model, whole: Factors) -> Factors:
-    """Return the factors of `whole` for the parameters of `part`, then for all columns behind those of the parameters.
+    """Return the factors of `whole` for the parameters of `part`, then for all columns after those of the parameters.
 
     model: model of `whole`
     part: the model with fewer friction laws

@@ -60,6 +60,9 @@ def _question(model: Model, tares: Tares, known_kg: float) -> tuple[str, ...]:
     ().
 
     The limit is HEAVY standard errors of the data sheet's scale and of the measured one together.
+
+    tares: with the scale that the known weight gave
+    known_kg: the known weight [kg]
     """
     measured = 1.0 / tares.scale
     if abs(measured - 1.0) <= HEAVY * hypot(model.scale_error, tares.scale_error):
@@ -73,7 +76,9 @@ def _question(model: Model, tares: Tares, known_kg: float) -> tuple[str, ...]:
 
 
 def _check_weight(empty: Identification, loads: Array, known_kg: float) -> None:
-    """Raise ValueError when the estimated load is not the known weight for long enough.
+    """Raise ValueError when the estimated load is not the known weight for long enough (ENOUGH_SECONDS).
+
+    The sentence says whether another weight was lifted that long, or none.
 
     loads: (T,) estimated load [kg]
     """

@@ -77,7 +77,8 @@ def next_reach(
 
     Among such postures it is the farthest one. The last move continues until its target is reached.
 
-    seconds: (M-1, BINS, BINS) coverage of pairs [s]
+    places: the postures that may be requested
+    seconds: (M-1, BINS, BINS) coverage of pairs, as from `coverage.planes` [s]
     posture: (N,) present angles of `drive` [rad]; NaN: unknown
     last: the move that was requested before
     """

@@ -153,6 +153,8 @@ def _factors(case: Case) -> Factors | None:
 def _exchanged(case: Case, cylinders: Collection[int]) -> Iterator[tuple[str, Case]]:
     """Yield corrections without a size, in words and applied: sensors exchanged, pins mirrored, signs of angles
     changed.
+
+    cylinders: numbers of the cylinders whose pressures and pins are tried; position sensors are tried at all joints
     """
     model, values = case.model, case.values
     signals = model.machine.signals
@@ -195,7 +197,10 @@ def _mirrored(linkage: Linkage) -> Iterator[tuple[str, Linkage]]:
 
 
 def _searches(case: Case, cylinders: Collection[int]) -> Iterator[SizeSearch]:
-    """Yield the corrections with a size: bores, zeros of angles, lengths of links."""
+    """Yield the corrections with a size: bores, zeros of all angle sensors, lengths of all links but the last.
+
+    cylinders: numbers of the cylinders whose bores are tried
+    """
     model = case.model
     for c in cylinders:
         name = f"bore_mm of {model.machine.cylinders[c].name}"

@@ -126,6 +126,8 @@ def _what_to_check(model: Model, cylinders: list[int], good: tuple[Repair, ...])
     """Return the end of a sentence about joints on which `cylinders` act.
 
     It names the corrections with which the recording fits; without any, the checks, the likeliest first.
+
+    good: corrections with which the recording fits, the best one first
     """
     if good:
         return f"the recording fits with {', or with '.join(repair.words for repair in good)}; check that first"

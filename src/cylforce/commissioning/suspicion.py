@@ -26,7 +26,7 @@ def refusal_sentence(model: Model, whole: Factors, evidence: SignalHistory) -> s
     tested, too. The bars of a linkage are not free parameters here: their weight would explain a wrong length
     (tests/commissioning/test_unexplained_torque.py).
 
-    whole: factors of the P parameters, and behind them of the tool (`Model.tool`)
+    whole: factors of the P parameters, and after them of the tool (`Model.tool`)
     evidence: history of the raw signals
     """
     sensor_fault = wiring.frozen_pressure(model, evidence) or wiring.misplaced_inertial_sensor(model, evidence.kept)
@@ -45,7 +45,7 @@ def refusal_sentence(model: Model, whole: Factors, evidence: SignalHistory) -> s
 def without_bars(model: Model, whole: Factors) -> tuple[Model, Factors]:
     """Return the model without the bars of its linkages, and the factors without their columns.
 
-    whole: factors of the P parameters, and behind them of further columns, which are kept
+    whole: factors of the P parameters, and after them of further columns, which are kept
     """
     bare = model.with_laws(tuple(law for law in model.friction if law != BARS))
     kept = [k for k, p in enumerate(model.parameters) if p in bare.parameters]
@@ -56,7 +56,7 @@ def without_bars(model: Model, whole: Factors) -> tuple[Model, Factors]:
 def _suspected(model: Model, whole: Factors, noise: Array, fit: Fit, evidence: SignalHistory) -> Suspicion | None:
     """Return the first cause that the checks suspect: wiring, then load, contact and piston area, then the scale.
 
-    whole: factors of the P parameters, and behind them of the tool (`Model.tool`)
+    whole: factors of the P parameters, and after them of the tool (`Model.tool`)
     noise: (R,) rms residual of each torque fitted alone [N m]
     fit: fit of the model's columns alone
     evidence: history of the raw signals

@@ -78,8 +78,12 @@ def empty_history(machine: Machine) -> SignalHistory:
 
 
 def extended_history(model: Model, before: SignalHistory, values: Array, *, joins: bool) -> SignalHistory:
-    """Return a history with further samples (T, S) [SI].
+    """Return a history with further samples.
 
+    Only the latest samples are kept (KEPT_S). Without `joins` they are the new ones only, and runs begin anew.
+
+    before: the history so far
+    values: (T, S) further samples [SI]
     joins: whether the samples follow the last ones without a gap
     """
     most = int(KEPT_S * model.filters.rate_hz)
@@ -203,7 +207,8 @@ def misfit(data: Factors, row_error: Array) -> float:
 def wiring_fault(model: Model, evidence: SignalHistory) -> Suspicion | None:
     """Return the wiring fault that explains a recording that does not fit, else None.
 
-    The fault is an exchange of two sensors with which the recording fits, or a frozen angle or length sensor.
+    The fault is an exchange of two sensors with which the recording fits, or a frozen angle or length sensor. None is
+    returned, too, when there are too few samples (SHORT_S).
     """
     if len(evidence.kept) < SHORT_S * model.filters.rate_hz:
         return None

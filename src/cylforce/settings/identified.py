@@ -96,9 +96,12 @@ def _now() -> str:
 
 
 def seal_again(path: Path, loaded: Loaded, reason: str) -> tuple[tuple[str, ...], Seal]:
-    """Seal a file as it is now; return the keys that were changed, and the new seal.
+    """Seal a file as it is now, in the present format; return the keys that were changed, and the new seal.
 
-    Raises SettingsError for a file that could not be used anyway.
+    The keys are those that differ from the seal before; "seal" when there was none, or it was changed itself. Raises
+    SettingsError for a file that could not be used anyway: with impossible numbers, or for another machine file.
+
+    reason: reason for the seal, which stays in the file
     """
     file = _read(path).model_copy(update={"provenance": _read(path).provenance.model_copy(update={"format": FORMAT})})
     _check_origin(path, file, loaded)
@@ -171,7 +174,7 @@ def read_attachments(path: Path, loaded: Loaded) -> dict[str, Tares]:
     """Return the tares with each attachment that was identified, by its name.
 
     Parameters, covariance and row errors are the attachment's; all else is common with the standard tool. Raises
-    SettingsError as `read_identified`, and for an attachment that the machine file lacks or whose numbers are impossible.
+    SettingsError as `read_identified`, for an attachment that the machine file lacks, and for impossible numbers.
     """
     common, file, tares = read_identified(path, loaded), _read(path), dict[str, Tares]()
     for added in file.attachments:
@@ -214,7 +217,10 @@ def _read(path: Path) -> IdentifiedFile:
 
 
 def _check_kind(path: Path, raw: Mapping[str, object]) -> None:
-    """Raise SettingsError for a file that `cylforce identify` did not write."""
+    """Raise SettingsError for an empty file, or one without [provenance], which `cylforce identify` did not write.
+
+    raw: content of the file as parsed from TOML
+    """
     if not raw:
         raise SettingsError(f"{path}: is empty; run `cylforce identify` again")
     if "provenance" not in raw:

@@ -56,8 +56,8 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
 def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
     """Return the machine with attachment k instead of its last link.
 
-    The cylinders and the last joint's range are those of the standard machine. The angles at which loads are booked are
-    its own for a bucket, any for another tool.
+    The cylinders and the last joint's range are those of the standard machine. So are the angles at which loads are
+    booked with a bucket; with another tool they are booked at any angle.
 
     standard: the machine with the standard tool
     """

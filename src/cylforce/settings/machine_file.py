@@ -112,7 +112,11 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
 
 
 def _syntax(path: Path, text: str, problem: str) -> str:
-    """Return a sentence for an error of TOML, which has a line but names no key."""
+    """Return a sentence for an error of TOML, which has a line but names no key.
+
+    text: text of the file
+    problem: text of the error, with its line where the parser knows it
+    """
     place = re.search(r" \(at line (\d+), column \d+\)", problem)
     if place is None:
         return f"{path}: is not TOML: {problem}; correct it"

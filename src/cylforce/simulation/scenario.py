@@ -184,7 +184,7 @@ def _cycle(machine: Machine, ranges: Array, rng: np.random.Generator, begin: Arr
 def _course(machine: Machine, ranges: Array, begin: Array, j: int, strokes: tuple[Sweep, ...]) -> JointCourse:
     """Return the course of joint j's angle of `drive`: its strokes to targets given as fractions of its range.
 
-    A stroke that its cylinder cannot make in time ends before its target.
+    A stroke that its cylinder cannot make in time is shortened, so that it does not reach its target.
 
     ranges: (N, 2) working ranges of the angles of `drive` [rad]
     begin: (N,) these angles at the start [rad]

@@ -66,7 +66,10 @@ def sensors(machine: Machine, nodes: tuple[SensorNode, ...]) -> Sensors:
     """Return the sensors of a machine by the machine file.
 
     The noise is the standard error, the zero error is 0, the resolution is that of the PDOs, and the lag is typical. A
-    signal that no PDO carries, or one as a floating-point number, is not quantised."""
+    signal that no PDO carries, or one as a floating-point number, is not quantised.
+
+    nodes: sensor nodes, whose PDOs give the resolution; none: no signal is quantised
+    """
     fields = {f.signal: f for node in nodes for pdo in node.pdos for f in pdo.fields if f.code != "f"}
     steps = [(fields[s.name].scale, fields[s.name].offset) if s.name in fields else (0.0, 0.0) for s in machine.signals]
     quantum, origin = np.array(steps).reshape(-1, 2).T

@@ -51,7 +51,11 @@ def name_faults(raw: Raw) -> Iterator[FaultError]:
 
 
 def entries(raw: Raw, table: str) -> list[RawTable]:
-    """Return the tables of an array, as far as they are tables."""
+    """Return the tables of an array of the file with their keys; what is no table in it is omitted.
+
+    raw: content of the file as parsed from TOML
+    table: name of the array, such as "sensors"
+    """
     array = raw.get(table)
     if not isinstance(array, list):
         return []
@@ -69,12 +73,15 @@ def _names(raw: Raw, table: str) -> list[str]:
 
 
 def _reserved(table: str) -> set[str]:
-    """Return the names that a table of an array must not have."""
+    """Return the names that no table of an array may have; `table`: name of the array."""
     return {"links": {CHASSIS}, "sensors": set(RESERVED), "attachments": {STANDARD}}.get(table, set())
 
 
 def _taken_names(raw: Raw, table: str) -> Iterator[FaultError]:
-    """Yield a fault for each name in the tables of an array that is used twice or reserved."""
+    """Yield a fault for each name in the tables of an array that an earlier one has, or that is reserved.
+
+    table: name of the array
+    """
     taken = _reserved(table)
     for entry in entries(raw, table):
         name = entry.table.get("name")

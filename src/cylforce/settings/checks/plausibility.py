@@ -139,7 +139,10 @@ def _check_range(machine: Machine, j: int, findings: Inspection) -> None:
 
 
 def _check_pins(machine: Machine, c: int, findings: Inspection) -> None:
-    """Warn of a cylinder's pin that is farther from its body's origin than the body is large."""
+    """Warn of a cylinder's pin too far from the origin of its body.
+
+    That is PIN_REACH times the length of its link, or CHASSIS_REACH on the chassis.
+    """
     for body, at in machine.cylinders[c].linkage.pins:
         name = machine.links[body - 1].name if body else "chassis"
         reach = PIN_REACH * machine.links[body - 1].length if body else CHASSIS_REACH

@@ -99,7 +99,10 @@ def _check_cover(machine: Machine, signal: Signal, key: Key, findings: Inspectio
 
 
 def _check_inclination(machine: Machine, signal: Signal, key: Key, findings: Inspection) -> None:
-    """Warn of an inclinometer whose range is smaller than that of the link's inclination."""
+    """Warn of an inclinometer whose range ends within that of the link's inclination, by more than SLACK of it.
+
+    The inclination is that on level ground, which the ranges of the link's joint and of those before it allow.
+    """
     low, high = inclinations(machine, signal.index)
     if max(signal.low - low, high - signal.high) <= SLACK * (high - low):
         return
@@ -129,6 +132,6 @@ def _check_name(machine: Machine, signal: Signal, key: Key, findings: Inspection
 
 
 def _shown(signal: Signal, value: float) -> str:
-    """Return a value in the unit in which sensors are specified."""
+    """Return a value [SI] of a signal in words, in the unit in which sensors are specified, such as bar."""
     size, unit = UNITS.get(signal.unit, (1.0, signal.unit))
     return f"{value / size:.4g} {unit}"

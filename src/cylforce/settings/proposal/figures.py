@@ -79,7 +79,10 @@ def _from(raw: Raw, k: int) -> str:
 
 
 def reached_over(raw: Raw, k: int) -> tuple[int, ...]:
-    """Return the joints before joint k that its cylinder reaches over (a wheel loader's tilt cylinder)."""
+    """Return the joints before joint k that its cylinder reaches over (a wheel loader's tilt cylinder); () for others.
+
+    raw: tables of a machine file
+    """
     bodies = ["chassis", *(link["name"] for link in raw["links"])]
     for cylinder in raw["cylinders"]:
         pins = [bodies.index(p["body"]) for p in cylinder["linkage"].values() if isinstance(p, Mapping)]
@@ -185,7 +188,10 @@ def _checked_range(figure: Figure, given: Range) -> Range:
 
 
 def settings(texts: Iterable[str], known: Mapping[str, Figure]) -> dict[str, Value]:
-    """Return values by key from texts KEY=VALUE. Raises ValueError with a sentence."""
+    """Return values by key from texts KEY=VALUE. Raises ValueError with a sentence.
+
+    known: figures of the machine, by key
+    """
     values: dict[str, Value] = {}
     for text in texts:
         key, equals, value = (part.strip() for part in text.partition("="))

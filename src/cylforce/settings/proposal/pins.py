@@ -24,7 +24,7 @@ LONGEST = 1.91  # open over closed length: a closed cylinder is at least 1.1 str
 def fit_pins(tables: dict[str, Any], k: int, wanted: Range | None, shown: Range) -> None:
     """Give cylinder k of the tables pins with which its stroke covers its joint's range, room of ROOM kept.
 
-    Its linkage (in millimetres) and its length_range_m are changed in `tables`. Raises ValueError, in a sentence, where
+    Its linkage (rounded to millimetres) and its length_range_m are changed in `tables`. Raises ValueError, in a sentence, where
     there are no such pins near the typical ones, or where lever, dead point or lengths are bad (`_problem`).
 
     wanted: closed and open length [m]; None: the pins stay, and its lengths follow from them

@@ -14,7 +14,7 @@ class MachineType(NamedTuple):
     title: name of such a machine
     example: shipped machine file with typical proportions; frames are those of the example
     tonnes: operating mass of the example [t]
-    pin_height: height of the first joint's pin above the ground [m]
+    pin_height: height of the first joint's pin above the ground, of the example [m]
     envelope: figures of the working envelope from which the first joint's range follows: key and meaning
     """
 
