@@ -24,8 +24,8 @@ LONGEST = 1.91  # open over closed length: a closed cylinder is at least 1.1 str
 def fit_pins(tables: dict[str, Any], k: int, wanted: Range | None, shown: Range) -> None:
     """Give cylinder k of the tables pins with which its stroke covers its joint's range, room of ROOM kept.
 
-    Its linkage (rounded to millimetres) and its length_range_m are changed in `tables`. Raises ValueError, in a sentence, where
-    there are no such pins near the typical ones, or where lever, dead point or lengths are bad (`_problem`).
+    Its linkage and its length_range_m are changed in `tables`, rounded to millimetres. Raises ValueError, a sentence,
+    where there are no such pins near the typical ones, or where lever, dead point or lengths are bad (`_problem`).
 
     wanted: closed and open length [m]; None: the pins stay, and its lengths follow from them
     shown: the joint's range as `angle_range_deg` of a data sheet gives it [deg]
