@@ -10,8 +10,8 @@ from cylforce.signals.estimate import Array
 class Parameter(NamedTuple):
     """Parameter of an effect.
 
-    name: for example `stick.X`
-    unit: in SI units
+    name: name of the link, cylinder or linkage and of the quantity, for example `stick.X`
+    unit: its SI unit, for example "kg m"
     """
 
     name: str
@@ -20,6 +20,8 @@ class Parameter(NamedTuple):
 
 class Halves(NamedTuple):
     """Columns (..., N, P) of N joints and P parameters. Torque = d/dt(momentum @ value) + static @ value.
+
+    It is the torque [N m] that the cylinders supply at each joint; value (P,) are the parameters.
 
     momentum: [N m s per unit of the parameter]; None for an effect without momentum
     static:   [N m per unit of the parameter]
@@ -37,13 +39,16 @@ class Effect(Protocol):
         ...
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the columns (..., N, P) of the parameters along a motion (...): torques [N m] per unit of each."""
+        """Return the columns (..., N, P) along a motion (...), per unit of each parameter, in joint torques.
+
+        Their two halves are momentum [N m s] and static torque [N m].
+        """
         ...
 
 
 def depends_on(effect: object) -> tuple[str, ...]:
-    """Return the names of the motion's quantities on which an effect's columns depend.
+    """Return the names of the fields of `Motion` on which an effect's columns depend.
 
-    They are the `depends_on` of its class; without it all quantities.
+    They are the `depends_on` of its class; without it all fields.
     """
     return tuple(getattr(effect, "depends_on", Motion._fields))

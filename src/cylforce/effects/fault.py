@@ -19,7 +19,16 @@ from cylforce.signals.kinds import Kind
 
 
 class Place(StrEnum):
-    """Kind of location of an effect."""
+    """Kind of location of an effect; `places` lists those of a machine.
+
+    CYLINDER: a cylinder whose force is measured
+    PRESSURE: a pressure sensor or force pin
+    ANGLE:    an encoder, inclinometer or cylinder length sensor
+    SENSOR:   one of either
+    LINK:     a link, or its joint, whose torque is measured
+    MACHINE:  the machine as a whole
+    TOOL:     the last link
+    """
 
     CYLINDER = "cylinder"
     PRESSURE = "pressure sensor"
@@ -49,14 +58,14 @@ class About(NamedTuple):
     """Description of an effect.
 
     name:    name in reports
-    unit:    SI unit of its size
-    low:     least plausible magnitude of its size
-    high:    largest plausible magnitude of its size
+    unit:    SI unit of its (first) size
+    low:     least plausible magnitude, in that unit
+    high:    largest plausible magnitude, in that unit
     place:   kind of its location
     shows:   regimes in which it is visible
     confirm: experiment that would confirm it
     sign:    1 or -1 where only that sign is possible, else 0
-    axes:    number of its sizes that are components of the magnitude
+    axes:    number of its first sizes that are components of the magnitude, the length of their vector
     form:    relative standard error of a size because the law is only approximate; at least 0.01, the error of levers
              and areas, which turn the size into torque
     varies:  how it varies on a healthy machine from one recording to the next
@@ -80,7 +89,7 @@ class ShapeRange(NamedTuple):
 
     field: name of the field of the effect's dataclass, a float
     low:   smallest plausible value, in the unit of the field
-    high:  largest plausible value
+    high:  largest plausible value, in the same unit
     log:   equal steps of the search are equal ratios of (value + `shift`), not equal differences
     shift: added to the value before its logarithm, > 0 where `low` is zero
     """
@@ -150,13 +159,17 @@ class Shaped(Fault, Protocol):
 
 @runtime_checkable
 class ForceLaw(Fault, Protocol):
-    """A force in one cylinder's own coordinate."""
+    """A force along one cylinder, which the cylinder must supply in addition and its sensors therefore measure.
+
+    A friction force against the motion has the sign of the speed here: it makes the measured force larger while the
+    cylinder extends.
+    """
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the additional force of the cylinder (T,) [N] per unit of size.
+        """Return the additional force (T,) [N] that the cylinder supplies, per unit of size; positive: it pushes.
 
-        speed: (T,) of the cylinder [m/s]
-        force: (T,) of the cylinder [N]
+        speed: (T,) of the cylinder [m/s], positive: it extends
+        force: (T,) of the cylinder [N], positive: it pushes
         t:     (T,) time since the start of the recording [s]
         """
         ...
@@ -181,11 +194,14 @@ class Distortion(Fault, Protocol):
     """An error of a sensor: it changes the measured values, not the machine."""
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the values (T, S) of all signals as measured with an error of `size`.
+        """Return the values (T, S) of all signals as measured with an error of `size`, a new array.
 
-        values: (T, S) signals without the error
-        t:      (T,) time [s]
+        The same object where the machine lacks the sensor that would read the error.
+
+        values: (T, S) signals without the error [SI]
+        t:      (T,) time since the start of the recording [s]
         where:  number of the signal, link or cylinder that has the error (see `places`)
+        size:   of the error, in the unit of `about`
         """
         ...
 
@@ -195,7 +211,11 @@ class Alteration(Fault, Protocol):
     """A geometry that differs from the machine file."""
 
     def altered(self, machine: Machine, where: int, size: float) -> Machine:
-        """Return the machine with an error of `size`; the same object where the machine lacks the component."""
+        """Return the machine with an error of `size`; the same object where the machine lacks the component.
+
+        where: number of the link (see `places`)
+        size:  of the error, in the unit of `about`
+        """
         ...
 
 
@@ -210,11 +230,11 @@ class MassChange(Fault, Protocol):
 
     @property
     def typical(self) -> tuple[float, ...]:
-        """Typical values of those sizes, the scale of the diagnosis' prior."""
+        """Typical values of those sizes, in their units: the scale of the diagnosis' prior."""
         ...
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Return the change (3N, M) of inertia and first moments per unit of each of the M sizes.
+        """Return the change (3N, M) of the links' base parameters per unit of each of the M sizes.
 
         The rows are J [kg m^2], X and Z [kg m] of the first of N links, then those of the second one, and so on.
 
@@ -228,7 +248,10 @@ class GrowingMass(MassChange, Protocol):
     """Masses that come in the course of a recording, so slowly that they bring no momentum."""
 
     def grown(self, t: Array) -> Array:
-        """Return the share (T,) of the change that is present at times t (T,) [s] since the start of the recording."""
+        """Return the share (T,) of the sizes that is present at times t (T,) [s] since the start of the recording.
+
+        It may exceed 1 after the time for which the sizes are stated.
+        """
         ...
 
 
@@ -242,17 +265,20 @@ class Share(Fault, Protocol):
         ...
 
     def course(self, t: Array) -> Array:
-        """Return the course of the change (T,) over the time t (T,) [s] since the start of the recording."""
+        """Return the course (T,) of the change at times t (T,) [s] since the start of the recording.
+
+        The friction is multiplied by 1 + size course(t).
+        """
         ...
 
 
 @runtime_checkable
 class PartOfFriction(Fault, Protocol):
-    """Force that is at most a share of a cylinder's dry friction."""
+    """Change of a friction force, which is limited because no friction is less than none."""
 
     @property
     def of_dry(self) -> float:
-        """Largest plausible share of the dry friction (0..1)."""
+        """Largest plausible magnitude of the size, as a multiple of the cylinder's dry friction (both [N])."""
         ...
 
 
@@ -267,20 +293,27 @@ class BaseMotion(Fault, Protocol):
 
     @property
     def typical(self) -> tuple[float, ...]:
-        """Typical values of those sizes, the scale of the diagnosis' prior."""
+        """Typical values of those sizes, in their units: the scale of the diagnosis' prior."""
         ...
 
     def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
-        """Return the columns (..., N, M) along a motion.
+        """Return the columns (..., N, M) along a motion, per unit of each size, in joint torques.
+
+        Their two halves are momentum [N m s] and static torque [N m].
 
         turning: (...,) rate of the chassis in the arm's plane [rad/s], which the rates of `moving` do not contain
-        base:    (..., N, 3) (J, X, Z) of the links
+        base:    (..., N, 3) base parameters (J, X, Z) of the links [kg m^2, kg m, kg m]
         """
         ...
 
 
 class TimeCourse(StrEnum):
-    """Course of the sizes of an incident over time."""
+    """Course of the sizes of an incident over time.
+
+    WINDOWS: sizes of their own in each of some blocks, none in the others
+    AFTER:   none before an instant, the same sizes after it; changes of the load only
+    CLOCK:   a delay of the pressures after an instant, or one that grows in proportion to time
+    """
 
     WINDOWS = "some stretches, each with sizes of its own"
     AFTER = "nothing before an instant, the same after it"
@@ -293,7 +326,7 @@ class Incident(Fault, Protocol):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns whose sizes change: of `INCIDENTAL`; `TORQUES` are the unknown torque's alone."""
+        """Names of the columns whose sizes change: of `INCIDENTAL`; only the unknown torque has those of `TORQUES`."""
         ...
 
     @property
@@ -303,30 +336,35 @@ class Incident(Fault, Protocol):
 
 
 def acting(law: ForceLaw | JointLaw, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-    """Return the torques (T, N) [N m] that the cylinders supply in addition, per unit of a law's size."""
+    """Return the torques (T, N) [N m] that the cylinders supply in addition, per unit of a law's size.
+
+    t:     (T,) time since the start of the recording [s]
+    where: number of the cylinder of a force law; of the cylinder or link of a torque law (see `places`)
+    """
     if isinstance(law, JointLaw):
         return law.torque(machine, moving, t, where)
     return np.asarray(law.force(moving.speed[:, where], moving.force[:, where], t)[:, None] * moving.lever[:, where, :])
 
 
 def rubbing(share: Share, where: int, cylinders: int) -> range:
-    """Return the numbers of the cylinders whose friction a share changes: one, or all at the machine.
+    """Return the numbers (from 0) of the cylinders whose friction a share changes: of one, or of all of the machine.
 
-    cylinders: their number
+    where:     number of the cylinder, if the share acts on one
+    cylinders: how many cylinders the machine has
     """
     return range(where, where + 1) if share.about.place is Place.CYLINDER else range(cylinders)
 
 
 def shapes(group: tuple[Fault, ...]) -> tuple[ShapeRange, ...]:
-    """Return the continuous shape parameters of a group of effects: those of the first one."""
+    """Return the continuous shape parameters of a group of effects: those of its first effect; empty if it has none."""
     return group[0].shapes if isinstance(group[0], Shaped) else ()
 
 
 def shaped(group: tuple[Fault, ...], values: Mapping[str, float]) -> tuple[Fault, ...]:
     """Return the group with other `values` of its fields, by name.
 
-    The first effect takes all of them; the others take those in which all effects of the group were alike. Raises
-    ValueError for a name that is no field of the first effect.
+    The first effect takes all of them; the others take those in which all effects of the group were alike. A value is
+    converted to the type that the field has in the first effect. Raises ValueError for a name that is no field of it.
     """
     if not values:
         return group
@@ -342,13 +380,14 @@ def shaped(group: tuple[Fault, ...], values: Mapping[str, float]) -> tuple[Fault
     return (replace(first, **typed), *(replace(effect, **alike) for effect in others))
 
 
-STILL = 1e-4  # of a usual size: none
+ABSENT = 1e-4  # share of a typical size that counts as none
 
 
 def usual_sizes(effect: Fault) -> tuple[float, ...]:
-    """Return typical sizes of an effect's columns, the units of the diagnosis: half the largest plausible magnitude.
+    """Return the typical sizes of an effect's columns, the units in which the diagnosis computes sizes.
 
-    Masses and motions of the base declare their own (`typical`).
+    An effect has one size: half its largest plausible magnitude, in the unit of `about`. Masses and motions of the base
+    have several, and declare them (`typical`, in `units`).
     """
     if isinstance(effect, MassChange | BaseMotion):
         return effect.typical
@@ -356,23 +395,23 @@ def usual_sizes(effect: Fault) -> tuple[float, ...]:
 
 
 def unnoticed_sizes(effect: Fault) -> tuple[float, ...]:
-    """Return the sizes of an effect's columns on a healthy machine.
+    """Return the standard deviations of the sizes of an effect's columns among healthy machines, in their units.
 
     Sensors, linkages and laws of joint torque have the least plausible size, masses in proportion. Laws of cylinder
-    force have their typical size, because the model's laws are approximate. A growing mass or a motion of the base is
-    nearly absent.
+    force and shares of friction have their typical size, because the model's laws are approximate. A growing mass or a
+    motion of the base is nearly absent.
     """
     if isinstance(effect, BaseMotion | GrowingMass):
-        return tuple(STILL * size for size in effect.typical)
+        return tuple(ABSENT * size for size in effect.typical)
     if isinstance(effect, MassChange):
         return tuple(size * effect.about.low / effect.typical[0] for size in effect.typical)
     return (effect.about.low,) if isinstance(effect, Distortion | Alteration | JointLaw) else usual_sizes(effect)
 
 
+BEYOND = 1.3  # times the largest plausible magnitude: what is larger is neither found nor simulated; convention
+SHAPES = 6  # Legendre polynomials of degree 0 to 5, each of mean square one over the block; number chosen
 # Columns of incidents: an additional load in the bucket; a delay of all pressures by one second; and, over each block
 # with the course of each of SHAPES polynomials, a force at the teeth and a square of the slew rate of 1 rad^2/s^2.
-BEYOND = 1.3  # of the largest plausible size: what is larger is neither found nor simulated; convention
-SHAPES = 6  # Legendre polynomials of degree 0 to 5, each of mean square one over the block; number chosen
 INCIDENTAL = (
     *("load.mass", "load.X", "load.Z", "load.J", "clock"),
     *(f"{name}.{k}" for k in range(SHAPES) for name in ("tip.x", "tip.z", "slew")),
@@ -383,9 +422,10 @@ PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
 
 
 def places(machine: Machine, place: Place) -> tuple[tuple[str, int], ...]:
-    """Return name and number of every location of a kind on the machine.
+    """Return name and number of every location of a kind on the machine at which an effect could be found.
 
-    The number is that of the cylinder, signal or link; 0 for the machine as a whole.
+    The number (from 0) is that of the cylinder, signal or link; 0 for the machine as a whole. Cylinders whose force is
+    not measured and links whose joint torque is not measured are left out.
     """
     if place in (Place.PRESSURE, Place.ANGLE, Place.SENSOR):
         kinds = {Place.PRESSURE: PRESSURES, Place.ANGLE: ANGLES, Place.SENSOR: PRESSURES + ANGLES}[place]

@@ -30,8 +30,8 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
 
-# Quantities that incidents change, with units: load, force at the teeth, square of the slew rate, delay of all
-# pressures.
+# Quantities that incidents change, with units: mass and first moments of the load in the last link's frame, force at
+# the teeth, square of the slew rate, delay of all pressures.
 CHANGED = {
     "load.mass": "kg",
     "load.X": "kg m",
@@ -46,12 +46,12 @@ CHANGED = {
 class Imposed(NamedTuple):
     """Group of effects, switched on.
 
-    group: the effects
+    group: the effects, which have one name and act at one location
     at:    name of the location
-    where: number of the location
-    sizes: its sizes (SI)
-    begin: begin in the run [s]
-    end:   end in the run [s]
+    where: number of the location (see `fault.places`)
+    sizes: sizes of the group, in the `units` of the group (SI)
+    begin: time of the run from which on they act [s]
+    end:   time of the run at which they end [s]
     """
 
     group: Group
@@ -66,7 +66,10 @@ class Imposed(NamedTuple):
         return np.where((t >= self.begin) & (t < self.end), 1.0, 0.0)
 
     def members(self) -> list[tuple[Fault, float]]:
-        """Return the effects of the group, each with its size."""
+        """Return the effects of the group, each with one size.
+
+        A single effect with several sizes (masses, a moving base, incidents) comes with the first one only.
+        """
         return list(zip(self.group, self.sizes, strict=False))
 
 
@@ -83,10 +86,15 @@ def imposed(
 ) -> Imposed:
     """Return the effect `name` of the library at the location `at` of the machine, from `begin` to `end` [s].
 
-    value: its size (SI), or a list where it has several
-    shape: values of the effect's own fields, such as a width, by name
+    at:      name of the location: of a sensor, cylinder or link, or "machine"
+    value:   its size (SI), or a list where it has several (see `units`)
+    shape:   values of the effect's own fields, such as a width, by name
+    begin:   time of the run from which on it acts [s]
+    end:     time of the run at which it ends [s]
+    library: groups among which the name is searched for
 
-    Raises ValueError, in one sentence, for an unknown name, location or field and for an implausible size.
+    Raises ValueError, in one sentence, for an unknown name, location or field, a wrong number of sizes, an implausible
+    size, an end before the begin, and a part that the machine lacks at that location.
     """
     group = shaped(_named(machine, name, at, library), shape or {})
     about = group[0].about
@@ -102,8 +110,9 @@ def imposed(
 
 
 def units(group: Group) -> tuple[str, ...]:
-    """Return the units of all sizes of a group. A clock fault has two: the delay at its begin [s] and its
-    growth [s/s].
+    """Return the units of all sizes of a group, in their order.
+
+    A clock fault has two: the delay of the pressures at its begin [s] and its growth [s/s].
     """
     first = group[0]
     if isinstance(first, MassChange | BaseMotion):
@@ -127,7 +136,11 @@ def _named(machine: Machine, name: str, at: str, library: tuple[Group, ...]) -> 
 
 
 def _check(candidate: Imposed) -> None:
-    """Raise ValueError unless the number of sizes is right and their magnitude and sign are plausible."""
+    """Raise ValueError unless begin, end, number, magnitude and sign of the sizes are plausible.
+
+    The effect must begin at 0 or later and before it ends. The magnitude, of the first `about.axes` sizes, may be up to
+    BEYOND times the largest plausible one. The sign is that of the first size.
+    """
     about, wanted, sizes = candidate.group[0].about, units(candidate.group), candidate.sizes
     name = about.name
     if not 0.0 <= candidate.begin < candidate.end:
@@ -143,7 +156,10 @@ def _check(candidate: Imposed) -> None:
 
 
 def _check_part(machine: Machine, candidate: Imposed) -> None:
-    """Raise ValueError when the machine lacks the component, or the sensor that would read the error."""
+    """Raise ValueError when the machine lacks the component, or the sensor that would read the error.
+
+    An effect shows this by returning the same machine or the same readings that it was given.
+    """
     effect, values = candidate.group[0], np.zeros((2, len(machine.signals)))
     t = np.array([0.0, 1.0])
     nothing = (isinstance(effect, Alteration) and effect.altered(machine, candidate.where, 1e-3) is machine) or (
@@ -156,7 +172,10 @@ def _check_part(machine: Machine, candidate: Imposed) -> None:
 
 
 def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
-    """Return the machine with all geometry errors among `effects`; the same object where there are none."""
+    """Return the machine with all geometry errors among `effects`; the same object where there are none.
+
+    Begin and end of these effects are ignored: the geometry is wrong during the whole run.
+    """
     for each in effects:
         for effect, size in each.members():
             if isinstance(effect, Alteration):
@@ -165,7 +184,10 @@ def altered(machine: Machine, effects: Sequence[Imposed]) -> Machine:
 
 
 def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
-    """Return the additional force of every cylinder (T, C) [N] at times t (T,) [s] of the run."""
+    """Return the additional force (T, C) [N] that every cylinder supplies, at times t (T,) [s] of the run.
+
+    It is that of the laws of cylinder force among `effects` (`ForceLaw`), positive: it pushes.
+    """
     force = np.zeros_like(moving.speed)
     for each in effects:
         for law, size in each.members():
@@ -176,7 +198,10 @@ def excess_force(effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
 
 
 def excess_torque(machine: Machine, effects: Sequence[Imposed], moving: Motion, t: Array) -> Array:
-    """Return the additional joint torques (T, N) [N m], by laws of the motion, at times t (T,) [s] of the run."""
+    """Return the additional joint torques (T, N) [N m] that the cylinders supply, at times t (T,) [s] of the run.
+
+    They are those of the laws of joint torque among `effects` (`JointLaw`).
+    """
     torque = np.zeros_like(moving.q)
     for each in effects:
         for law, size in each.members():
@@ -186,9 +211,12 @@ def excess_torque(machine: Machine, effects: Sequence[Imposed], moving: Motion, 
 
 
 def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: str) -> Array:
-    """Return the factor (T, C) on the friction `law` of every cylinder at times t (T,) [s] of the run.
+    """Return the factor (T, C) on the friction `law` of every cylinder at times t (T,) [s] of the run; 1: unchanged.
 
     An effect that changes dry friction changes every law of the simulated machine.
+
+    cylinders: number C of cylinders
+    law:       name of the friction law, such as "viscous"
     """
     level = np.ones((len(t), cylinders))
     for each in effects:
@@ -199,14 +227,15 @@ def friction_level(effects: Sequence[Imposed], cylinders: int, t: Array, law: st
 
 
 def changed_laws(effects: Sequence[Imposed]) -> tuple[str, ...]:
-    """Return the names of the laws of friction whose identified coefficients change."""
+    """Return the names of the friction laws whose coefficients the effects change, each once; "coulomb" and so on."""
     shares = [share for each in effects for share in each.group if isinstance(share, Share)]
     return tuple(dict.fromkeys(law for share in shares for law in share.laws))
 
 
 def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> Array:
-    """Return the additional base parameters (J, X, Z) of the links (T, N, 3) [kg m^2, kg m, kg m] at times t
-    (T,) [s].
+    """Return the changes (T, N, 3) of the links' base parameters (J, X, Z) [kg m^2, kg m, kg m] by changed masses.
+
+    t: (T,) times of the run [s]
     """
     found = np.zeros((len(t), machine.size, 3))
     for each in effects:
@@ -219,14 +248,18 @@ def added_parameters(machine: Machine, effects: Sequence[Imposed], t: Array) -> 
 
 
 def _changed(effect: Incident) -> list[str]:
-    """Return the keys of `CHANGED` that an incident changes; its own columns may be numbered, `slew.0`,
-    `slew.1`, ...
+    """Return the keys of `CHANGED` that an incident changes, each once, in the order of its columns and sizes.
+
+    Its own columns may be numbered, `slew.0`, `slew.1`, ...
     """
     return list(dict.fromkeys(what for column in effect.columns for what in CHANGED if column.startswith(what)))
 
 
 def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> Array:
-    """Return the sum of the incidents' sizes (T, K) at times t (T,) [s] for the K `wanted` keys of `CHANGED`."""
+    """Return the sum (T, K) of the sizes of the incidents present at times t (T,) [s], for the K `wanted` quantities.
+
+    wanted: keys of `CHANGED`; a column of the result has the unit of its key
+    """
     found = np.zeros((len(t), len(wanted)))
     for each in effects:
         effect = each.group[0]
@@ -238,10 +271,13 @@ def _incidents(effects: Sequence[Imposed], t: Array, wanted: Sequence[str]) -> A
 
 
 def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> CarriedLoad:
-    """Return the load `carried`, changed by incidents (spilled, shifted) at times t (T,) [s].
+    """Return the load `carried`, changed by incidents (spilled, shifted) at times t (T,) [s] of the run.
 
-    An incident changes the load that is in the bucket when it begins, until the bucket is emptied; the next load is not
-    changed. The inertia is scaled with the mass. Raises ValueError when more is spilled than carried.
+    An incident changes the load that is in the bucket when it begins, until the bucket is emptied or the incident ends;
+    the next load is not changed. While the bucket is being emptied the change shrinks with the load. The inertia is
+    scaled with the mass. Raises ValueError when more is spilled than carried.
+
+    carried: the load without incidents
     """
     changes = np.zeros((len(t), 3))
     for each in effects:
@@ -260,7 +296,9 @@ def changed_load(effects: Sequence[Imposed], carried: CarriedLoad, t: Array) -> 
 def _still_carried(mass: Array, t: Array, begin: float) -> Array:
     """Return the share (T,) of the load in the bucket at `begin` [s] that is still carried at times t (T,) [s].
 
-    It is 0 before `begin` and once the bucket is empty; 1 for an unknown load, without any mass.
+    It is 0 before `begin` and once the bucket is empty. From `begin` on it is 1 for an unknown load, without any mass,
+    and for a bucket that is empty when the incident begins within these times.
+
     mass: (T,) mass carried without incidents [kg]
     """
     after = t >= begin
@@ -284,15 +322,19 @@ def _size(incident: Imposed, quantity: str) -> float:
 
 
 def unseen_slew(effects: Sequence[Imposed], t: Array) -> Array:
-    """Return the square (T,) [rad^2/s^2] of the slew rate that the sensor does not measure, to be added to the measured
-    one's.
+    """Return the square (T,) [rad^2/s^2] of a slew rate that no sensor measures, at times t (T,) [s] of the run.
+
+    The square of the true rate is that of the measured rate plus this one.
     """
     return _incidents(effects, t, ("slew",))[:, 0]
 
 
 def contact_force(effects: Sequence[Imposed], t: Array) -> Array:
-    """Return the force (T, 2) [N] of an obstacle or the soil on the teeth, x forward and z up, at times t (T,) [s] of
-    the run.
+    """Return the force (T, 2) [N] of an obstacle or the soil on the teeth, x forward and z up.
+
+    It rises and falls smoothly, for RAMP [s] after the begin and before the end of each effect.
+
+    t: (T,) times of the run [s]
     """
     found = np.zeros((len(t), 2))
     for each in effects:
@@ -306,12 +348,15 @@ def contact_force(effects: Sequence[Imposed], t: Array) -> Array:
 
 
 def base_motions(effects: Sequence[Imposed]) -> list[tuple[BaseMotion, Imposed]]:
-    """Return the effects among `effects` that move the body which carries the first link."""
+    """Return the effects that move the body which carries the first link, each with its group as imposed."""
     return [(effect, each) for each in effects for effect in each.group if isinstance(effect, BaseMotion)]
 
 
 def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
-    """Return the signals (T, S) with all sensor and clock errors among `effects`, at times t (T,) [s] of the run."""
+    """Return the signals (T, S) with all sensor and clock errors among `effects`, at times t (T,) [s] of the run.
+
+    values: (T, S) signals without these errors [SI]; the same object is returned where there are none
+    """
     for each in effects:
         during = each.during(t)[:, None] > 0.0
         for effect, size in each.members():
@@ -323,9 +368,12 @@ def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Ar
 
 
 def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
-    """Return the signals (T, S) without the sensors' errors.
+    """Return the signals (T, S) [SI] without the sensor and clock errors among `effects`: the inverse of `distorted`.
 
     The error depends on the true values: it is computed once more from values that are nearly true.
+
+    values: (T, S) signals with the errors [SI]
+    t:      (T,) times of the run [s]
     """
     against = [each._replace(sizes=tuple(-size for size in each.sizes)) for each in reversed(effects)]
     first = distorted(machine, against, values, t)
@@ -333,7 +381,10 @@ def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: 
 
 
 def _late(machine: Machine, values: Array, t: Array, incident: Imposed) -> Array:
-    """Return the signals (T, S) with all pressures delayed by sizes[0] + sizes[1] (t - begin) [s]."""
+    """Return the signals (T, S) with all pressures and force pins delayed by sizes[0] + sizes[1] (t - begin) [s].
+
+    incident: a clock fault, with its delay at the begin [s] and its growth [s/s]
+    """
     found, late = values.copy(), incident.sizes[0] + incident.sizes[1] * np.maximum(t - incident.begin, 0.0)
     for k, signal in enumerate(machine.signals):
         if signal.kind in PRESSURES:

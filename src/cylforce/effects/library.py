@@ -60,8 +60,8 @@ from cylforce.effects.sensors.pressure_zero_settling import PressureZeroSettling
 from cylforce.effects.sensors.tilt_ignored import TiltIgnored
 from cylforce.mechanics.machine import Machine
 
-UNKNOWN = "unknown"  # what no effect of the library is (see `effects/unknown.py`)
-BOTH = (False, True), (False, True)  # which friction drifts: viscous only; from cold, or to warm
+UNKNOWN = "unknown"  # name of a torque that no effect of the library describes (see `effects/unknown.py`)
+BOTH = (False, True), (False, True)  # values of `viscous` and of `cold` of FrictionTemperatureDrift
 PARTS = 5  # pins and bars of a four-bar linkage, the largest that there is
 
 Group = tuple[Fault, ...]  # effects of one name that act together, each with its own size
@@ -146,17 +146,20 @@ class Proposal(NamedTuple):
 
     @property
     def usual(self) -> tuple[float, ...]:
-        """Usual sizes of all columns of an effect that lasts; none of an incident."""
+        """Typical sizes of all columns of an effect that lasts, the units of the diagnosis; empty for an incident."""
         return () if self.course else tuple(size for effect in self.group for size in usual_sizes(effect))
 
     @property
     def unnoticed(self) -> tuple[float, ...]:
-        """Sizes of all columns of a lasting effect on a healthy machine; none of an incident."""
+        """Standard deviations of the sizes of all columns of a lasting effect among healthy machines, in their units.
+
+        Empty for an incident.
+        """
         return () if self.course else tuple(size for effect in self.group for size in unnoticed_sizes(effect))
 
     @property
     def rubs(self) -> bool:
-        """True where it is a force in one cylinder's own coordinate."""
+        """True where it is a force along one cylinder (`ForceLaw`): friction, or pressure lost in the lines."""
         return isinstance(self.group[0], ForceLaw)
 
     @property
@@ -176,7 +179,7 @@ class Proposal(NamedTuple):
 
     @property
     def bends(self) -> bool:
-        """True where its columns depend on its size: an error of readings, of the machine file or of clocks.
+        """True where its columns depend on its own size: an error of readings, of the machine file or of clocks.
 
         It is not an unknown torque, which has only the interface of one.
         """
@@ -185,19 +188,19 @@ class Proposal(NamedTuple):
 
     @property
     def of_dry(self) -> float | None:
-        """Largest plausible share of the dry friction, of an effect that is limited to it."""
+        """Largest plausible magnitude as a multiple of the cylinder's dry friction; None: not limited by it."""
         effect = self.group[0]
         return effect.of_dry if isinstance(effect, PartOfFriction) else None
 
     @property
     def shape(self) -> dict[str, Any]:
-        """Shape parameters of the effect by name."""
+        """Values of all fields of the group's first effect by name: its shape parameters and its fixed choices."""
         effect: Any = self.group[0]
         return {f.name: getattr(effect, f.name) for f in (fields(effect) if is_dataclass(effect) else ())}
 
     @property
     def incidents(self) -> tuple[str, ...]:
-        """Names of the columns of an incident (see `INCIDENTAL`); none of a lasting effect."""
+        """Names of the columns of an incident (see `fault.INCIDENTAL`); empty for a lasting effect."""
         effect = self.group[0]
         return effect.columns if isinstance(effect, Incident) else ()
 
@@ -214,11 +217,14 @@ class Proposal(NamedTuple):
 
 @lru_cache(maxsize=1024)  # more than there are on any machine
 def _course(proposal: Proposal) -> TimeCourse | None:
-    """Return the course of an incident; cached, because isinstance with a protocol takes longer than the rest."""
+    """Return the course of an incident, None for a lasting effect.
+
+    It is cached, because isinstance with a protocol takes longer than the rest.
+    """
     effect = proposal.group[0]
     return effect.course if isinstance(effect, Incident) else None
 
 
 def proposals(machine: Machine, library: tuple[Group, ...] = LIBRARY) -> tuple[Proposal, ...]:
-    """Return each group of the library at each location for it on this machine."""
+    """Return each group of the library at each location of its kind on this machine, in the order of the library."""
     return tuple(Proposal(group, at, where) for group in library for at, where in places(machine, group[0].about.place))

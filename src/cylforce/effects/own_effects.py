@@ -49,16 +49,17 @@ METHODS: dict[str, tuple[str, ...]] = {
     "halves": ("machine", "moving", "turning", "base"),
 }
 PROTOCOLS = (ForceLaw, JointLaw, Distortion, Alteration, MassChange, BaseMotion, Share, Incident)
-COURSES = ("force", "torque", "distorted", "altered", "change", "halves", "course")
-STEPS, STEP_S = 80, 0.05  # samples and seconds of the test motion; chosen: a second of every joint's wave and more
-USUAL_PRESSURES = {Kind.HEAD_PRESSURE: 100e5, Kind.ROD_PRESSURE: 40e5}  # Pa; chosen
+ACTING = ("force", "torque", "distorted", "altered", "change", "halves", "course")  # of these an effect has one at most
+STEPS, STEP_S = 80, 0.05  # samples of the test motion, seconds between them; chosen: most of each joint's wave, or more
+TRIAL_PRESSURES = {Kind.HEAD_PRESSURE: 100e5, Kind.ROD_PRESSURE: 40e5}  # Pa; chosen
 
 
 class Trial(NamedTuple):
     """A motion on which effects are tried.
 
-    moving: all joints swing through half of their ranges, the cylinders push and pull
-    values: (T, S) readings of all signals on the way
+    moving: all joints swing through half of their working ranges, the cylinders push and pull
+    values: (T, S) readings of all signals on the way [SI]; pressures are waves that do not match the forces of
+            `moving`, readings other than pressures, joint angles, inclinations and cylinder lengths are 0
     t:      (T,) times [s]
     """
 
@@ -68,9 +69,14 @@ class Trial(NamedTuple):
 
 
 def check_groups(groups: Sequence[Any], taken: Collection[str], machine: Machine | None = None) -> None:
-    """Check effects that act together, group by group; with a `machine` also on a test motion.
+    """Check groups of effects that act together, group by group; with a `machine` also on a test motion.
 
-    Raises ValueError that begins with the name of the class, for the first fault."""
+    Raises ValueError that begins with the name of the class, or with LIBRARY where a group is no tuple, for the first
+    fault.
+
+    groups: each a tuple of effects with one name
+    taken:  names that other effects have, and these must not
+    """
     trial = None if machine is None else trial_motion(machine)
     for group in groups:
         if not isinstance(group, tuple) or not group:
@@ -97,7 +103,10 @@ def _of_class(effect: object) -> Iterator[None]:
 
 
 def check_effect(effect: object, taken: Collection[str]) -> None:
-    """Check description and methods of one effect. Raises ValueError."""
+    """Check class, description and methods of one effect. Raises ValueError, in one sentence with its cure.
+
+    taken: names that other effects have
+    """
     given: Any = effect
     if not is_dataclass(effect) or not given.__dataclass_params__.frozen:
         raise ValueError("is no frozen dataclass: write @dataclass(frozen=True) above the class")
@@ -114,7 +123,10 @@ def check_effect(effect: object, taken: Collection[str]) -> None:
 
 
 def _check_about(about: About, taken: Collection[str]) -> None:
-    """Raise ValueError unless the description is complete."""
+    """Raise ValueError unless the description is complete and of the right types, and its name is free.
+
+    taken: names that other effects have
+    """
     given: dict[str, Any] = about._asdict()
     for field in ("name", "unit", "shows", "confirm"):
         if not isinstance(given[field], str) or not given[field].strip():
@@ -136,9 +148,12 @@ def _check_about(about: About, taken: Collection[str]) -> None:
 
 
 def _check_methods(effect: object) -> None:
-    """Raise ValueError unless the effect has the methods of one of the protocols."""
+    """Raise ValueError unless the effect follows one of PROTOCOLS, with at most one of the methods ACTING.
+
+    The methods' arguments and the values of incidents, units and typical sizes are checked, too.
+    """
     found = [protocol for protocol in PROTOCOLS if isinstance(effect, protocol)]
-    acts = [name for name in COURSES if callable(getattr(effect, name, None))]
+    acts = [name for name in ACTING if callable(getattr(effect, name, None))]
     if len(acts) > 1:
         raise ValueError(f"has the methods {' and '.join(acts)}: give it one of them, and the other a class of its own")
     for name, wanted in METHODS.items():
@@ -148,7 +163,7 @@ def _check_methods(effect: object) -> None:
         missing = {"change": "`units` and `typical`", "halves": "`units` and `typical`", "course": "`laws`"}
         if acts and acts[0] in missing:
             raise ValueError(f"has the method {acts[0]}, but not all of {missing[acts[0]]}: add them as properties")
-        listed = ", ".join(f"{name}({', '.join(METHODS[name])})" for name in COURSES if name in METHODS)
+        listed = ", ".join(f"{name}({', '.join(METHODS[name])})" for name in ACTING if name in METHODS)
         raise ValueError(f"does nothing: give it one of the methods {listed}")
     if isinstance(effect, Incident) and not callable(effect.course):
         _check_incident(effect)
@@ -157,7 +172,10 @@ def _check_methods(effect: object) -> None:
 
 
 def _check_arguments(name: str, method: Callable[..., Any], wanted: tuple[str, ...]) -> None:
-    """Raise ValueError unless a method can be called with so many arguments, in that order."""
+    """Raise ValueError unless the arguments of a method have the `wanted` names, in that order.
+
+    A method with *arguments is accepted, and arguments that can only be given by name are ignored.
+    """
     given = [p for p in signature(method).parameters.values() if p.kind is not Parameter.KEYWORD_ONLY]
     named = tuple(p.name for p in given)
     if any(p.kind is Parameter.VAR_POSITIONAL for p in given) or named == wanted:
@@ -175,7 +193,10 @@ def _check_incident(effect: Incident) -> None:
 
 
 def _check_shapes(group: tuple[Fault, ...]) -> None:
-    """Raise ValueError unless all parameters to be refined are numbers of the effect within their ranges."""
+    """Raise ValueError unless each shape parameter of a group is a float field of its first effect, within its range.
+
+    Raises it for a range, too, that does not rise or has a logarithm of zero.
+    """
     for shape in shapes(group):
         if not isinstance(shape, ShapeRange):
             raise ValueError(f"its shapes hold {shape!r}: write ShapeRange(field, low, high)")
@@ -194,7 +215,10 @@ def _check_shapes(group: tuple[Fault, ...]) -> None:
 
 
 def trial_motion(machine: Machine) -> Trial:
-    """Return a motion of all joints of a machine, with matching pressures and readings."""
+    """Return a motion of all joints of a machine, with readings of all sensors.
+
+    The readings of angles and lengths are those of the motion. Pressures and cylinder forces are independent waves.
+    """
     t = STEP_S * np.arange(STEPS, dtype=np.float64)
     low, high = working_range(machine).T
     waves = 0.5 + 0.25 * np.sin(np.outer(t, 1.5 + 0.5 * np.arange(machine.size)))
@@ -203,7 +227,7 @@ def trial_motion(machine: Machine) -> Trial:
     values = np.zeros_like(shake)
     for k, signal in enumerate(machine.signals):
         if signal.kind in SIDES:
-            values[:, k] = USUAL_PRESSURES[signal.kind] * shake[:, k]
+            values[:, k] = TRIAL_PRESSURES[signal.kind] * shake[:, k]
         elif signal.kind is Kind.JOINT_ANGLE:
             values[:, k] = theta[:, signal.index]
         elif signal.kind is Kind.LINK_INCLINATION:
@@ -233,7 +257,8 @@ def _tried(effect: object, machine: Machine, trial: Trial, where: int) -> tuple[
     """Return the output of an effect on the test motion, and the shape that it must have.
 
     The output is that of the method of its protocol: force, torque, signals, lengths of the cylinders, share or change
-    of the parameters. A sensor's or geometry's error has its least plausible size.
+    of the parameters. A sensor's or geometry's error has its least plausible size. A moving base and an incident are
+    not tried: zeros of the right shape.
 
     where: number of the location (`fault.places`)
     """

@@ -29,8 +29,9 @@ class Swing(NamedTuple):
 
 
 def swing(effects: Sequence[Imposed], t: Array) -> Swing:
-    """Return the swing of the chassis at times t (T,) [s] of the run; zero unless an effect of nonzero size
-    moves it.
+    """Return the swing of the chassis at times t (T,) [s] of the run; zero unless an effect of nonzero size moves it.
+
+    The swing is that of WAVES for each such effect, whatever its sizes.
     """
     found = np.zeros((3, len(t)))
     for _, each in base_motions(effects):
@@ -41,7 +42,10 @@ def swing(effects: Sequence[Imposed], t: Array) -> Swing:
 
 
 def _swung(effect: Imposed, t: Array) -> Array:
-    """Return the angle (T,) [rad] of the swing that an effect causes, at times t (T,) [s] of the run."""
+    """Return the angle (T,) [rad] of the swing while an effect acts, at times t (T,) [s] of the run.
+
+    It begins and ends smoothly within EASE [s], and does not depend on the sizes of the effect.
+    """
     inside = smooth(t, effect.begin, effect.begin + EASE)
     if effect.end < inf:
         inside = inside * (1.0 - smooth(t, effect.end - EASE, effect.end))

@@ -18,14 +18,14 @@ from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import SIDES, Kind
 
 NAME = "unknown"
-BENDS = 5  # of a torque over a joint's range
-OTHERS = 4  # pressures of other cylinders
-LEVER = 0.02  # m, below which a cylinder has none
+BENDS = 5  # number of Legendre polynomials (degree 0 to 4) that make a torque over a joint's range
+OTHERS = 4  # largest number of pressures of other cylinders
+LEVER = 0.02  # m, a shorter lever counts as this one, so that nothing is divided by zero
 
 
 @dataclass(frozen=True, slots=True)
 class UnknownTorque:
-    """A torque at one joint, for some seconds at a time."""
+    """A torque at one joint, for some seconds at a time, with any course in these seconds: an incident."""
 
     @property
     def about(self) -> About:
@@ -73,11 +73,15 @@ class PostureTorque:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with the pressure or force of the joint's cylinder that makes the torque.
+        """Return the signals (T, S) with the torque added to what the sensors of the joint's cylinder read.
+
+        The torque is `size` times Legendre's polynomial of degree `bend` in the joint's angle, -1 at the low end of its
+        range and 1 at the high end. Divided by the lever it is a force, which changes the force pin or the head-side
+        pressure of the first cylinder that acts on the joint. The same object where none acts on it.
 
         values: (T, S) signals without the error [SI]
         where:  number of the joint
-        size:   of the torque [N m]
+        size:   factor on the polynomial [N m]
         """
         link, angle = machine.links[where], joint_angles(machine, values)[:, where]
         share = 2.0 * (angle - link.angle_low) / (link.angle_high - link.angle_low) - 1.0
@@ -110,11 +114,14 @@ class OthersPressure:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with the cylinder's force plus a share of another pressure on its head side.
+        """Return the signals (T, S) with `size` times another pressure added to the joint's cylinder, on its head side.
+
+        Where a force pin measures that cylinder, its reading changes by that pressure times the head area. The same
+        object where no cylinder acts on the joint, or there are not so many other pressures.
 
         values: (T, S) signals without the error [SI]
         where:  number of the joint
-        size:   share of the other pressure
+        size:   share of the other pressure [1]
         """
         spans, own = machine.spans, _cylinder(machine, where)
         others = [k for k, s in enumerate(machine.signals) if s.kind in SIDES and where not in spans[s.index]]
@@ -129,7 +136,10 @@ def _cylinder(machine: Machine, where: int) -> int | None:
 
 
 def _pushed(machine: Machine, values: Array, cylinder: int, push: Array) -> Array:
-    """Return the signals (T, S) [SI] with an additional force of a cylinder; a pressure changes by force over area.
+    """Return the signals (T, S) [SI] with an additional force in what the sensors of a cylinder read.
+
+    The force is added to its force pin, else, over the head area, to its head-side pressure. Without both it is a copy
+    without a change.
 
     cylinder: its number
     push:     (T,) additional force [N]

@@ -22,8 +22,8 @@ class Bodies(NamedTuple):
     machine:  the machine, with its data sheet
     pins:     (T, N) inner pin of every link [m]
     centres:  (T, N) centre of gravity of every link [m]
-    velocity: (T, N) velocity of the centres [m/s]
-    rates:    (T, N) rate of every link [rad/s]
+    velocity: (T, N) velocity of the centres relative to the first pin [m/s]
+    rates:    (T, N) absolute rate of every link [rad/s]
     specific: (T,) specific force of the first pin, forwards + i upwards [m/s^2]; at rest i g
     """
 
@@ -45,15 +45,17 @@ class Bodies(NamedTuple):
         return np.array([link.inertia for link in self.machine.links])
 
     def weight(self, joint: int) -> Complex:
-        """Return the force (T,) [N], forwards + i upwards, that carries all links from `joint` outwards, without
-        accelerations.
+        """Return the force (T,) [N], forwards + i upwards, that carries all links from `joint` outwards.
+
+        It is their mass times the specific force of the first pin, without their accelerations relative to that pin.
         """
         return np.asarray(self.specific * float(np.sum(self.masses[joint:])))
 
     def torque(self, t: Array, joint: int) -> Array:
         """Return the torque (T,) [N m] that holds and moves the links from `joint` outwards, at times t (T,) [s].
 
-        It is sum_k Im(conj(c_k - o_j) m_k (dv_k/dt + s)) + I_k dw_k/dt.
+        It is the sum over these links k of Im(conj(c_k - o_j) m_k (dv_k/dt + s)) + I_k dw_k/dt, with c_k the centre,
+        v_k its velocity, w_k the rate of link k, o_j the pin of `joint` and s the specific force of the first pin.
         """
         pushed = (rate(self.velocity, t) + self.specific[:, None]) * self.masses
         about = (np.conj(self.centres - self.pins[:, [joint]]) * pushed).imag
@@ -64,8 +66,8 @@ class Bodies(NamedTuple):
         """Return the torques (T, N) [N m] of all joints per rad/s^2 of additional rotation of the links from `joint`
         outwards.
 
-        The rotation is about a `pivot` P (T,) [m]. The torque is sum_k m_k Re(conj(c_k - o_j) (c_k - P)) + I_k over the
-        links k that turn, beyond j.
+        The rotation is about a `pivot` P (T,) [m]. The torque of joint j is the sum of
+        m_k Re(conj(c_k - o_j) (c_k - P)) + I_k over the links k that turn and lie from j outwards.
         """
         lever = np.conj(self.centres[:, None, :] - self.pins[:, :, None])  # (T, joint, link)
         each = self.masses * (lever * (self.centres - pivot[:, None])[:, None, :]).real + self.inertias
@@ -75,8 +77,9 @@ class Bodies(NamedTuple):
         """Return the torques (T, N) [N m] of all joints per radian of additional rotation of the links from `joint`
         outwards.
 
-        The rotation is about a `pivot` P (T,): the weight's torques change by -sum_k m_k g Im(c_k - o_j). Pins o_j
-        farther in do not turn; for these it is -sum_k m_k g Im(c_k - P).
+        The rotation is about a `pivot` P (T,) [m]: the torque that carries the weight changes by
+        -sum_k m_k g Im(c_k - o_j) over the links k that turn and lie from j outwards. Pins o_j farther in do not turn;
+        for these it is -sum_k m_k g Im(c_k - P).
         """
         inner = np.arange(self.machine.size) < joint
         about = np.where(inner, pivot[:, None], self.pins)
@@ -99,9 +102,9 @@ def bodies(machine: Machine, moving: Motion) -> Bodies:
 
 
 def rate(course: Course, t: Array) -> Course:
-    """Return the time derivative of `course` (T, ...) at times t (T,) [s], by central differences.
+    """Return the time derivative of `course` (T, ...) at times t (T,) [s], in its unit per second.
 
-    It is zero of a single sample.
+    Central differences, one-sided ones at both ends; zero for a single sample.
     """
     if len(t) < 2:
         return np.zeros_like(course)
@@ -110,12 +113,14 @@ def rate(course: Course, t: Array) -> Course:
 
 
 def resonance(course: Array, t: Array, frequency: float, damping: float) -> tuple[Array, Array]:
-    """Return the response of a spring to `course` (T,) at evenly spaced times t (T,) [s], and its second derivative
-    [1/s^2].
+    """Return the response (T,) of a damped spring to `course` (T,) at evenly spaced times t (T,) [s], and the second
+    time derivative (T,) of the response.
 
+    The response is in the unit of `course`, its derivative in that unit per s^2.
     The response is w^2 / (s^2 + 2 D w s + w^2), with the natural frequency w = 2 pi `frequency` [Hz] and the `damping`
     ratio D; it is settled at the first sample. It is exact for an input that is linear between samples, and corrected
-    for the curvature of a smooth one. Gaps (NaN) are bridged by straight lines, so that they do not make it ring.
+    for the curvature of a smooth one. Gaps (NaN) are bridged by straight lines, so that they do not make it ring; both
+    results are zero where `course` is NaN throughout.
     """
     from scipy.signal import cont2discrete, lfilter, lfilter_zi  # not needed by the service, which measures without it
 
@@ -127,7 +132,10 @@ def resonance(course: Array, t: Array, frequency: float, damping: float) -> tupl
     poles = np.array([1.0, 2.0 * damping * w, w * w])
 
     def run(zeros: tuple[float, ...]) -> Array:
-        """Return the output (T,) of the filter with this numerator in s, settled at the first sample."""
+        """Return the output (T,) of the filter whose numerator has these coefficients of s, highest power first.
+
+        It is settled at the first sample.
+        """
         numerator, denominator, _ = cont2discrete((np.array(zeros), poles), step, method="foh")
         b = numerator.ravel()
         return np.asarray(lfilter(b, denominator, course, zi=lfilter_zi(b, denominator) * course[0])[0])

@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from cylforce.signals.estimate import Array
 
 Complex = NDArray[np.complex128]
-Pin = tuple[int, complex]
+Pin = tuple[int, complex]  # number of the body (0: the chassis) and place x + i z in its frame [m]
 
 
 class Pose(NamedTuple):
     """Orientation and place of all bodies in chassis axes: body 0 is the chassis, body j the j-th link.
 
-    turn: (..., N+1) exp(i a_j), with a_j the body's absolute angle
-    origin: (..., N+1) each link's inner pin [m]; body 0: the first pin
+    turn: (..., N+1) exp(i a_j), with a_j the body's angle from the chassis, the sum of the joint angles up to it [rad]
+    origin: (..., N+1) place x + i z of each link's inner pin [m]; the first pin is the origin 0, also of body 0
     """
 
     turn: Complex
@@ -30,8 +30,8 @@ class Pose(NamedTuple):
 class Point(NamedTuple):
     """A point and its derivatives by the joint angles.
 
-    place: (...,) x + i z [m]
-    gradient: (..., N) [m/rad]
+    place: (...,) x + i z in chassis axes, from the first pin [m]
+    gradient: (..., N) derivative of the place by each of the N joint angles, x + i z [m/rad]
     """
 
     place: Complex
@@ -41,8 +41,8 @@ class Point(NamedTuple):
 class Pins(NamedTuple):
     """K points that are fixed to bodies.
 
-    body: (K,) number of the body
-    local: (K,) place in that body's frame [m]
+    body: (K,) number of the body; 0: the chassis
+    local: (K,) place x + i z in that body's frame [m]
     moved: (K, N) i for the joints that move the point, 0 for the joints farther out
     """
 
@@ -53,7 +53,7 @@ class Pins(NamedTuple):
 
 @lru_cache
 def fixed(pins: tuple[Pin, ...], joints: int) -> Pins:
-    """Return K pins as arrays, for a chain of N = `joints` links: bodies (K,), places (K,) [m], which joints move each.
+    """Return K pins as arrays, for a chain of N = `joints` links.
 
     pins: number of the body (0: the chassis) and place x + i z in its frame [m] of each pin
     """
@@ -63,7 +63,10 @@ def fixed(pins: tuple[Pin, ...], joints: int) -> Pins:
 
 
 def pose(lengths: Array, theta: ArrayLike) -> Pose:
-    """Return the pose of a chain with pin-to-pin lengths (N,) [m] at joint angles theta (..., N) [rad]."""
+    """Return the pose of a chain with pin-to-pin lengths (N,) [m] at joint angles theta (..., N) [rad].
+
+    The length of the last link is not used.
+    """
     angles = np.asarray(theta, dtype=np.float64).cumsum(axis=-1)
     shape = (*angles.shape[:-1], angles.shape[-1] + 1)
     # order F puts the samples of one body next to each other in memory: twice as fast along a recording
@@ -74,7 +77,7 @@ def pose(lengths: Array, theta: ArrayLike) -> Pose:
 
 
 def points(at: Pose, pins: Pins) -> Point:
-    """Return places (..., K) [m] and gradients (..., K, N) [m/rad] of all pins at a pose."""
+    """Return places (..., K) [m] and gradients (..., K, N) [m/rad] of all pins at a pose, x + i z in chassis axes."""
     place = at.origin[..., pins.body] + at.turn[..., pins.body] * pins.local
     return Point(place, pins.moved * (place[..., None] - at.origin[..., None, 1:]))
 
@@ -85,7 +88,7 @@ def point(at: Pose, body: int, local: complex) -> Point:
     The gradient is zero for joints beyond that body.
 
     body: number of the body; 0: chassis
-    local: place in the body's frame [m]
+    local: place x + i z in the body's frame [m]
     """
     alone = points(at, fixed(((body, local),), at.turn.shape[-1] - 1))
     return Point(alone.place[..., 0], alone.gradient[..., 0, :])

@@ -1,5 +1,6 @@
-"""Estimate pins that nobody has measured: those nearest to typical pins with which the stroke covers the joint's
-range.
+"""Estimate pins and bar lengths that nobody has measured.
+
+They are those nearest to typical ones with which the cylinder's stroke covers the joint's range.
 """
 
 from collections.abc import Callable
@@ -16,14 +17,16 @@ CLOSE = 1e-5  # m, error of both lengths at which the iteration ends; chosen
 STEP = 1e-6  # m, width of the central difference that gives the derivative; chosen
 FARTHEST = 0.15  # m, largest change of a coordinate in one step; chosen
 GRID = 61  # postures along the range of the driven joint; chosen
-ACROSS = 5  # angles of every joint that the cylinder reaches over; chosen
+ACROSS = 5  # angles, over its range, of every joint that the cylinder reaches over; chosen
 
 
 def range_postures(machine: Machine, c: int) -> Array:
     """Return joint angles (K, N) [rad] over the whole range of the joint that cylinder c drives, both ends included.
 
-    Along the first axis the angle of `drive` of that joint rises. Joints that the cylinder reaches over pass through
-    their own ranges as well. There the angle of `drive` keeps the range that remains in every position of those joints.
+    K = GRID postures for a cylinder that acts on one joint: its angle rises, all others are in mid-range. The joint
+    driven by a cylinder that reaches over n others is the outermost one, and K = GRID * ACROSS^n: the angle of
+    `workspace.drive` rises, and at each of its values the joints reached over pass through their own ranges. That angle
+    covers the range in which the driven joint stays within its own range, wherever the joints reached over are.
     """
     span = machine.spans[c]
     j, over = max(span), span[:-1]
@@ -38,8 +41,11 @@ def range_postures(machine: Machine, c: int) -> Array:
 
 
 def lengths(machine: Machine, c: int, linkage: Linkage) -> tuple[float, float]:
-    """Return the shortest and longest length [m] of cylinder c over the range; NaN where the linkage cannot be
-    closed.
+    """Return the shortest and longest length [m] of cylinder c over the `range_postures` of the joint that it drives.
+
+    Both are NaN where the linkage cannot be closed in one of these postures.
+
+    linkage: linkage of the cylinder, in place of that of the machine
     """
     length = linkage.stretch(machine.pose(range_postures(machine, c))).length
     return float(np.min(length)), float(np.max(length))
@@ -51,10 +57,11 @@ def fitted(
     """Return pin coordinates and bar lengths x (K,) [m] near `start`, with which a cylinder has the wanted lengths.
 
     Newton's method for two equations with K unknowns. Each step is the shortest that solves them to first order:
-    x - E (J E)^+ (ends(x) - wanted), E = diag(ease). Raises ValueError when there is no solution nearby.
+    x - E (J E)^+ (ends(x) - wanted), E = diag(ease); no number changes by more than FARTHEST in one step. Raises
+    ValueError when both lengths are not right to CLOSE within STEPS steps, or a linkage on the way cannot be closed.
 
     start: (K,) typical coordinates and bar lengths [m]
-    ease: (K,) how far each of them moves relative to the others
+    ease: (K,) how far each of them may change relative to the others; 1: freely, 0: not at all
     ends: function of x that returns the cylinder's shortest and longest length [m] over its joint's range
     wanted: its shortest and longest length [m]
     """
@@ -71,9 +78,10 @@ def fitted(
 
 
 def _slopes(x: Array, ends: Callable[[Array], tuple[float, float]]) -> Array:
-    """Return the derivatives (2, K) [m/m] of both lengths by the coordinates x (K,) [m], as central differences.
+    """Return the derivatives (2, K) [m/m] of two lengths by x (K,) [m], as central differences.
 
-    ends: function of the coordinates that returns both lengths [m]
+    x: pin coordinates and bar lengths [m]
+    ends: function of x that returns the cylinder's shortest and longest length [m]
     """
     columns = [np.subtract(ends(x + d), ends(x - d)) / (2.0 * STEP) for d in STEP * np.eye(len(x))]
     return np.stack(columns, axis=-1)

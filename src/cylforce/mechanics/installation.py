@@ -66,11 +66,11 @@ class SensorNode(NamedTuple):
 class Health(NamedTuple):
     """Limits beyond which signals are not used.
 
-    hold_s: longest time for which the last value is repeated [s]
+    hold_s: longest time for which the last value of a signal is used while it is late or refused [s]
     good_frames: valid values after which a failed sensor is used again
     frozen_samples: equal samples, while the machine moves, after which a sensor counts as frozen
     max_tilt: largest tilt of the chassis [rad]
-    max_step_s: longest time between two ticks [s]
+    max_step_s: longest time between two ticks [s]; after a longer one the filters start again
     """
 
     hold_s: float
@@ -132,7 +132,11 @@ class Service(NamedTuple):
         return (STANDARD, *(attachment.name for attachment in self.attachments))
 
     def fitted(self, tool: str) -> "Service":
-        """Return the settings with another tool. Raises ValueError where there is none of this name."""
+        """Return the settings of the machine file with another tool: `machine` is replaced, all else stays.
+
+        STANDARD returns these settings unchanged: call it on those with the standard tool. Raises ValueError where
+        there is no tool of this name.
+        """
         if tool == STANDARD:
             return self
         attachment = next((attachment for attachment in self.attachments if attachment.name == tool), None)

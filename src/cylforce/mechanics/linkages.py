@@ -20,10 +20,10 @@ from cylforce.signals.estimate import Array
 
 
 class Stretch(NamedTuple):
-    """Length of a cylinder and its derivatives.
+    """Length of a cylinder and its derivatives; of C cylinders each shape has one more axis of C (`Linkages.stretch`).
 
-    length: (...,) [m]
-    gradient: (..., N) d(length)/d(angle) [m/rad]
+    length: (...,) from foot to eye [m]
+    gradient: (..., N) d(length)/d(angle) by each of the N joint angles [m/rad]
     transmission: (...,) sine of the angle between rocker and link. 0 at the dead point, where the lever is infinite and
         the cylinder force no longer depends on the load; 1 for a cylinder without a linkage.
     """
@@ -55,7 +55,10 @@ class Linkage(Protocol):
         ...
 
     def driven(self, pins: Point) -> Eye:
-        """Return the eye from the places (..., K) [m] of the K pins; NaN where the linkage cannot be closed."""
+        """Return place, gradient and transmission of the eye; NaN where the linkage cannot be closed.
+
+        pins: places (..., K) [m] of the K pins, in the order of `pins`, and their gradients (..., K, N) [m/rad]
+        """
         ...
 
     def places(self, at: Pose) -> dict[str, Complex]:
@@ -63,24 +66,29 @@ class Linkage(Protocol):
         ...
 
     def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
-        """Return the eye [m] and its derivative by one joint angle [m/rad], as `driven` of plain numbers.
+        """Return the eye's place [m] and its derivative by one joint angle [m/rad], as `driven`, for one pose.
 
-        NaN where the linkage cannot be closed.
+        NaN where the linkage cannot be closed. Plain numbers x + i z, because arrays of one element are slow.
 
-        places: of the K pins [m]
-        moved:  their derivatives [m/rad]
+        places: of the K pins, all in the axes of one body [m]
+        moved:  derivatives of these places by the joint angle [m/rad]
         """
         ...
 
     def stretch(self, at: Pose) -> Stretch:
-        """Return length [m], gradient [m/rad] and transmission at a pose; NaN where the linkage cannot be closed."""
+        """Return the cylinder's length (...,) [m], gradient (..., N) [m/rad] and transmission (...,) at a pose.
+
+        NaN where the linkage cannot be closed.
+        """
         stretch = Linkages((self,)).stretch(at)
         return Stretch(stretch.length[..., 0], stretch.gradient[..., 0, :], stretch.transmission[..., 0])
 
     def over_one_joint(self, joint: complex, angle: float) -> tuple[float, float]:
-        """Return length [m] and d(length)/d(angle) [m/rad] of a cylinder that acts on one joint, of plain numbers.
+        """Return length [m] and d(length)/d(angle) [m/rad] of a cylinder that acts on one joint only, at one angle.
 
-        joint: place of the joint in the frame of the body before it [m]
+        NaN where the linkage cannot be closed. The angles of the other joints have no influence.
+
+        joint: place x + i z of the joint's pin in the frame of the body before it [m]
         angle: of the joint [rad]
         """
         turn, before = exp(1j * angle), min(body for body, _ in self.pins)
@@ -128,9 +136,11 @@ class Linkages:
         return Stretch(length, gradient, transmission)
 
     def _driven(self, pins: Point) -> tuple[Point, Array]:
-        """Return the eyes (..., C) [m] and transmissions (..., C) of all linkages.
+        """Return the eyes and the transmissions (..., C) of all linkages.
 
-        pins: places (..., K) [m] of the pins of all linkages, one after the other, and their derivatives
+        An eye has a place (..., C) [m] and a gradient (..., C, N) [m/rad].
+
+        pins: places (..., K) [m] of the pins of all linkages, one after the other, and their gradients (..., K, N)
         """
         shape, joints = (*pins.place.shape[:-1], len(self.linkages)), pins.gradient.shape[-1]
         eye, transmission = Point(np.empty(shape, complex), np.empty((*shape, joints), complex)), np.empty(shape)
@@ -161,11 +171,11 @@ class Triangle(Linkage):
         return (self.foot, self.eye)
 
     def driven(self, pins: Point) -> Eye:
-        """Return the second pin as the eye."""
+        """Return the second of the two pins as the eye, with a transmission of 1."""
         return Eye(pins.place[..., 1], pins.gradient[..., 1, :], 1.0)
 
     def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
-        """Return the second pin [m] and its derivative [m/rad] as the eye."""
+        """Return the place of the second of the two pins [m] and its derivative [m/rad]: it is the eye."""
         return places[1], moved[1]
 
     def places(self, at: Pose) -> dict[str, Complex]:
@@ -184,8 +194,8 @@ class FourBar(Linkage):
     rocker_length: distance of the two pins of the rocker [m]
     link_length: distance of the two pins of the link [m]
     side: +1 when the rocker's end lies left of the direction rocker pin -> link pin, -1 right of it
-    eye: place of the cylinder's eye on the rocker, times the vector from rocker pin to rocker end; 1: at the rocker's
-        end
+    eye: place of the cylinder's eye on the rocker: the vector from rocker pin to eye divided by that from rocker pin to
+        rocker end, both x + i z; 1: at the rocker's end
     """
 
     foot: Pin
@@ -202,7 +212,12 @@ class FourBar(Linkage):
         return (self.foot, self.rocker_pin, self.link_pin)
 
     def driven(self, pins: Point) -> Eye:
-        """Return the eye: the rocker's end is the intersection of two circles, the eye is fixed to the rocker."""
+        """Return the eye: the rocker's end is the intersection of two circles, the eye is fixed to the rocker.
+
+        NaN where the circles do not meet; the gradient is infinite or NaN where rocker and link are in line.
+
+        pins: places (..., 3) [m] of foot, rocker pin and link pin, and their gradients (..., 3, N) [m/rad]
+        """
         arm, spin, sine = self._turned(pins)
         eye = self.eye * arm
         gradient = pins.gradient[..., 1, :] + 1j * eye[..., None] * spin
@@ -210,12 +225,12 @@ class FourBar(Linkage):
         return Eye(place, gradient, np.abs(sine) / (self.rocker_length * self.link_length))
 
     def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
-        """Return the eye [m] and its derivative by one joint angle [m/rad], as `driven` of plain numbers.
+        """Return the eye's place [m] and its derivative by one joint angle [m/rad], as `driven`, for one pose.
 
-        NaN where the linkage cannot be closed.
+        NaN where the linkage cannot be closed, and where rocker and link are in line.
 
-        places: of foot, rocker pin and link pin [m]
-        moved:  their derivatives [m/rad]
+        places: of foot, rocker pin and link pin, all in the axes of one body [m]
+        moved:  derivatives of these places by the joint angle [m/rad]
         """
         base, apart = places[2] - places[1], moved[2] - moved[1]
         span = abs(base)
@@ -240,10 +255,12 @@ class FourBar(Linkage):
         return places if self.eye == 1.0 else places | {"eye": place[..., 1] + self.eye * arm}
 
     def _turned(self, pins: Point) -> tuple[Complex, Array, Array]:
-        """Return the rocker's vector from pin to end (...,) [m], its rotation by joint angle (..., N), and a cross
-        product.
+        """Return the rocker's vector from pin to end, its rotation by joint angle, and a cross product.
 
-        The cross product (...,) [m^2] is that of rocker and link: 0 at a dead point.
+        The vector is x + i z (...,) [m]. The rotation (..., N) is the rocker's angle per angle of each joint [rad/rad],
+        infinite or NaN at a dead point. The cross product (...,) [m^2] is that of rocker and link: 0 at a dead point.
+
+        pins: of foot, rocker pin and link pin, see `driven`
         """
         rocker, link = pins.place[..., 1], pins.place[..., 2]
         apart = pins.gradient[..., 2, :] - pins.gradient[..., 1, :]

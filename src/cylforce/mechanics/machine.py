@@ -182,7 +182,12 @@ class Machine:
         return Linkages(tuple(cylinder.linkage for cylinder in self.cylinders))
 
     def tool_point(self, theta: ArrayLike) -> Point:
-        """Return the place of the tooth line in chassis axes [m] and its derivatives (..., N) [m/rad]."""
+        """Return the place (...,) [m] of the tooth line and its derivatives (..., N) [m/rad] by the joint angles.
+
+        Both are x + i z in chassis axes, the place from the first pin.
+
+        theta: joint angles (..., N) [rad]
+        """
         return point(self.pose(theta), self.size, self.tool)
 
     @cached_property
@@ -228,7 +233,10 @@ class Machine:
         return tuple(self._table(c) for c in range(len(self.cylinders)))
 
     def _table(self, c: int) -> tuple[Array, Array] | None:
-        """Return the table (lengths [m], joint angles [rad]) of cylinder c, None where it acts on several joints."""
+        """Return the table (lengths [m], joint angles [rad]) of cylinder c, None where it acts on several joints.
+
+        The angles cover the joint's range evenly; the lengths ascend.
+        """
         if len(self.spans[c]) != 1:
             return None
         (j,) = self.spans[c]
@@ -262,7 +270,8 @@ class Machine:
     def _one_joint_angle(self, c: int, j: int, length: float, table: tuple[Array, Array]) -> float:
         """Return `joint_angle` [rad] of one length [m]: arrays of one element take ten times as long as plain numbers.
 
-        Pins are placed in the frame of the body before the joint, so that the other joints' angles do not count.
+        Pins are placed in the frame of the body before the joint, so that the other joints' angles have no influence.
+        NaN outside the joint's range.
 
         c: number of the cylinder
         j: number of the joint on which it acts
@@ -325,16 +334,18 @@ def with_parameters(machine: Machine, phi: Array) -> Machine:
 def base_parameter_covariance(links: tuple[Link, ...]) -> Array:
     """Return the covariance (3N, 3N) of `base_parameters`, (J, X, Z) of each link [kg m^2, kg m, kg m].
 
-    First-order propagation of the standard errors of the data sheet.
+    First-order propagation of the standard errors of masses, centres of gravity and inertias in the data sheet, taken
+    as independent. The errors of lengths are not contained.
     """
     spread = base_parameter_spread(links)
     return np.asarray(spread @ spread.T)
 
 
 def base_parameter_spread(links: tuple[Link, ...]) -> Array:
-    """Return the change (3N, 4N) of `base_parameters` by one standard error of each figure of the data sheet.
+    """Return the change (3N, 4N) of `base_parameters` by one standard error of each mass, centre and inertia.
 
-    The columns of a link are mass, centre x, centre z and inertia.
+    The rows are (J, X, Z) [kg m^2, kg m, kg m] link by link. The columns, link by link too, are mass, centre x,
+    centre z and inertia of the data sheet. The errors of lengths have no column.
     """
     scale = [(k.mass_error, k.centre_error, k.centre_error, k.inertia_error) for k in links]
     gradient = np.concatenate([_mass_gradient(links, j) for j in range(len(links))], axis=1)
@@ -342,7 +353,10 @@ def base_parameter_spread(links: tuple[Link, ...]) -> Array:
 
 
 def _mass_gradient(links: tuple[Link, ...], j: int) -> Array:
-    """Return the derivatives (3N, 4) of all base parameters by mass [kg], cx, cz [m] and inertia [kg m^2] of link j."""
+    """Return the derivatives (3N, 4) of all base parameters by mass [kg], cx, cz [m] and inertia [kg m^2] of link j.
+
+    The mass of a link is also in J and X of the links before it.
+    """
     k, gradient = links[j], np.zeros((3 * len(links), 4))
     for i in range(j):
         gradient[3 * i : 3 * i + 2, 0] = (links[i].length ** 2, links[i].length)

@@ -9,7 +9,7 @@ from cylforce.mechanics.chain import Complex
 from cylforce.mechanics.machine import Geometry, Machine
 from cylforce.signals.estimate import Array
 
-UNKNOWN = np.zeros(0)  # a force rate that was not computed
+UNKNOWN = np.zeros(0)  # a force rate that was not given
 
 
 class Motion(NamedTuple):
@@ -24,9 +24,10 @@ class Motion(NamedTuple):
     length: (..., C) cylinder lengths [m]
     lever: (..., C, N) d(length)/d(angle) [m/rad]
     transmission: (..., C) see `Geometry`
-    speed: (..., C) d(length)/dt [m/s]
-    force: (..., C) measured cylinder forces [N]
-    force_rate: (..., C) time derivative of `force` [N/s]; zero where it was not computed
+    speed: (..., C) d(length)/dt [m/s], positive: the cylinder extends
+    force: (..., C) measured cylinder forces [N], positive: the cylinder pushes
+    force_rate: (..., C) time derivative of `force` [N/s]; zeros from `motion`, which does not compute it; UNKNOWN,
+        which is empty, where it was not given
     """
 
     a: Array
@@ -45,7 +46,7 @@ class Motion(NamedTuple):
 class Attitude(NamedTuple):
     """Attitude of the chassis.
 
-    pitch: (...,) [rad]
+    pitch: (...,) of the house, positive: nose up [rad]
     roll: (...,) [rad]
     pitch_rate: (...,) from a gyro [rad/s], never the derivative of the tilt angle (mechanics/README.md, section 1)
     slew: (...,) turning rate of the house [rad/s]

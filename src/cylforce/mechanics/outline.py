@@ -8,7 +8,7 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
 Place = complex
-NAMES = {"foot": "cylinder foot", "eye": "cylinder eye"}  # in a drawing, of the pins that belong to the cylinder itself
+NAMES = {"foot": "cylinder foot", "eye": "cylinder eye"}  # names in a drawing of the two pins of the cylinder itself
 
 
 class NamedPin(NamedTuple):
@@ -28,11 +28,11 @@ class Outline(NamedTuple):
     """An arm at one posture, places x + i z from the first pin [m].
 
     pins: all pins, in the order of `pin_list`
-    links: corners of every link
+    links: for every link the corners of the convex hull of its pins (of the last one with the tool), anticlockwise
     cylinders: (foot, eye) of every cylinder
-    rockers: three corners of every rocker
-    bars: both ends of every coupling link
-    chassis: pins on the chassis
+    rockers: of every four-bar rocker pin, rocker end and cylinder eye (the rocker end again where the eye is there)
+    bars: of every four-bar both ends of the link: at the rocker's end and at the link pin
+    chassis: pins on the chassis, the first pin first
     """
 
     pins: tuple[Place, ...]
@@ -48,15 +48,15 @@ def pin_list(machine: Machine) -> tuple[NamedPin, ...]:
     bodies = ("chassis", *(link.name for link in machine.links))
     pins = [NamedPin(f"{link.name} pin", link.name, 0j) for link in machine.links]
     pins.append(NamedPin("tool", machine.links[-1].name, machine.tool))
-    middle = machine.pose(np.zeros(machine.size))
+    straight = machine.pose(np.zeros(machine.size))  # any pose gives the names of the pins
     for cylinder in machine.cylinders:
         fixed_pins = dict(zip(("foot", "rocker pin", "link pin"), cylinder.linkage.pins, strict=False))
         if len(cylinder.linkage.pins) == 2:
             fixed_pins = dict(zip(("foot", "eye"), cylinder.linkage.pins, strict=True))
-        for name in cylinder.linkage.places(middle):
+        for name in cylinder.linkage.places(straight):
             body, local = fixed_pins.get(name, (None, None))
             full = f"{cylinder.name} {NAMES.get(name, name)}"
-            if name == "rocker end" and cylinder.linkage.places(middle).keys() == {*fixed_pins, name}:
+            if name == "rocker end" and cylinder.linkage.places(straight).keys() == {*fixed_pins, name}:
                 full += ", cylinder eye"
             pins.append(NamedPin(full, None if body is None else bodies[body], local))
     return tuple(pins)
@@ -92,7 +92,7 @@ def hull(points: list[Place]) -> tuple[Place, ...]:
 
 
 def _chain(order: list[Place]) -> list[Place]:
-    """Return the corners of one side of the hull: only left turns remain."""
+    """Return the corners of one side of the hull, from places x + i z sorted along x: only left turns remain."""
     corners: list[Place] = []
     for z in order:
         while len(corners) > 1 and ((corners[-1] - corners[-2]).conjugate() * (z - corners[-1])).imag <= 0.0:

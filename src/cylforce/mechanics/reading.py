@@ -10,14 +10,21 @@ FITTED_S = 0.3  # s, length of a fitted parabola: short beside a move, long enou
 
 
 def angle_signal(machine: Machine, joint: int) -> int | None:
-    """Return the number of the signal that measures a joint's angle or its link's inclination; None: there is none."""
+    """Return the number of the signal that measures a joint's angle or its link's inclination; None: there is none.
+
+    Where there are both, it is the first of them in the machine's list of signals.
+    """
     kinds = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION)
     matching = [k for k, s in enumerate(machine.signals) if s.kind in kinds and s.index == joint]
     return matching[0] if matching else None
 
 
 def cylinder_forces(machine: Machine, values: Array) -> Array:
-    """Return the forces (T, C) [N] of all cylinders from signals (T, S) [SI]; 0 where a force is not measured."""
+    """Return the forces (T, C) [N] of all cylinders from signals (T, S) [SI]; 0 where a force is not measured.
+
+    A positive force pushes. The reading is that of the force pin, else the force is computed from the pressures. A rod
+    side without a sensor has the `rod_pressure` of its cylinder.
+    """
     place = {(s.kind, s.index): k for k, s in enumerate(machine.signals)}
     forces = np.zeros((len(values), len(machine.cylinders)))
     for c, cylinder in enumerate(machine.cylinders):
@@ -31,9 +38,11 @@ def cylinder_forces(machine: Machine, values: Array) -> Array:
 
 
 def joint_angles(machine: Machine, values: Array) -> Array:
-    """Return rough joint angles (T, N) [rad] from signals (T, S) [SI].
+    """Return rough joint angles (T, N) [rad] from signals (T, S) [SI], unfiltered and not unwrapped.
 
-    Use the joint's own sensor, else an inclination less that of the next link inwards, else the middle of the range.
+    The sensor of a joint is its `angle_signal`. An encoder's reading is taken as it is, an inclinometer's less the
+    inclination of the next link inwards. A joint without both has the middle of its range, also where the length of its
+    cylinder is measured.
     """
     angles = np.tile([(link.angle_low + link.angle_high) / 2.0 for link in machine.links], (len(values), 1))
     for joint in range(machine.size):
@@ -54,7 +63,10 @@ def pitch(machine: Machine, values: Array) -> Array:
 def measured_torque(machine: Machine, values: Array, joint: int) -> Array:
     """Return the torque (T,) [N m] of the cylinders on a joint from signals (T, S) [SI], unfiltered.
 
-    The posture is that of `joint_angles`.
+    It is positive where it turns the joint towards larger angles. The posture is that of `joint_angles`, the forces are
+    those of `cylinder_forces`; a cylinder whose force is not measured counts as without force.
+
+    joint: number of the joint, from 0
     """
     at, forces = machine.pose(joint_angles(machine, values)), cylinder_forces(machine, values)
     acting = [c for c, span in enumerate(machine.spans) if joint in span]
@@ -66,11 +78,12 @@ def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array
     """Return the torque (T,) [N m] that holds and moves the links from a joint outwards, by the data sheet's masses.
 
     The cylinders supply this torque plus their own friction. The posture is that of `joint_angles` and the measured
-    pitch. Accelerations are those of parabolas fitted over FITTED_S.
+    pitch, roll and slewing are ignored. Accelerations are those of parabolas fitted over FITTED_S. The torque is 0
+    throughout where there are fewer than three samples, or samples are FITTED_S or more apart.
 
     values: signals (T, S) [SI]
-    t: times (T,) [s]
-    joint: number of the joint
+    t: evenly spaced times (T,) [s]
+    joint: number of the joint, from 0
     """
     from scipy.signal import savgol_filter  # not needed by the service, which needs no accelerations
 
@@ -95,9 +108,9 @@ def rigid_torque(machine: Machine, values: Array, t: Array, joint: int) -> Array
 
 
 def followed(course: Array, t: Array, constant: float) -> Array:
-    """Return the first-order lag of a signal, settled at the first sample.
+    """Return a signal (T,) after a first-order lag, settled at the first sample, in the unit of the signal.
 
-    course: signal (T,)
+    course: signal (T,) without the lag
     t: evenly spaced times (T,) [s]
     constant: time constant [s]
     """

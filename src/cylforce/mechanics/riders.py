@@ -22,8 +22,8 @@ Vector = complex | NDArray[Any]
 class MovingPoint(NamedTuple):
     """A point of the arm along a motion, x + i z in chassis axes.
 
-    place: (...,) [m]
-    velocity: (...,) [m/s]
+    place: (...,) from the first pin [m]
+    velocity: (...,) relative to the first pin, including that by the pitch rate of the house [m/s]
     gradient: for each of N joints the derivative of the place by the joint's angle (...,) [m/rad]
     rate: for each of N joints the time derivative of `gradient` (...,) [m/(rad s)]
     """
@@ -37,11 +37,11 @@ class MovingPoint(NamedTuple):
 class LinkMotion(NamedTuple):
     """Motion of the N links, x + i z in chassis axes.
 
-    place: for each link the place of its inner pin (...,) [m]
-    velocity: for each link the velocity of its inner pin (...,) [m/s]
-    turn: for each link its direction exp(i a) (...,)
-    qd: for each link its absolute rate (...,) [rad/s]
-    rockers: pin and end of the four-bars' rockers that were computed so far
+    place: for each link the place of its inner pin, from the first pin (...,) [m]
+    velocity: for each link the velocity of its inner pin, relative to the first pin (...,) [m/s]
+    turn: for each link its direction exp(i a) (...,), a the angle from the chassis
+    qd: for each link its absolute rate, with the pitch rate of the house (...,) [rad/s]
+    rockers: pin and end of the rockers that were computed so far, by four-bar; `rocker_points` adds to it
     """
 
     place: list[Vector]
@@ -55,7 +55,7 @@ _last: tuple[Machine, Motion, LinkMotion] | None = None  # result for the last m
 
 
 def link_motion(machine: Machine, moving: Motion) -> LinkMotion:
-    """Return the motion of all links."""
+    """Return the motion of all links; that of the last call where machine and motion are the same objects."""
     global _last  # noqa: PLW0603 - a cache of one result, not a state
     if _last is not None:
         last_machine, last_motion, links = _last
@@ -67,7 +67,7 @@ def link_motion(machine: Machine, moving: Motion) -> LinkMotion:
 
 
 def _link_motion(machine: Machine, moving: Motion) -> LinkMotion:
-    """Return the motion of all links, from the first pin outwards."""
+    """Return the motion of all links, from the first pin outwards, without the cache."""
     turned = np.exp(1j * moving.a)
     turn: list[Vector] = _joints(turned)
     qd: list[Number] = _joints(moving.qd)
@@ -79,12 +79,12 @@ def _link_motion(machine: Machine, moving: Motion) -> LinkMotion:
 
 
 def _joints(values: NDArray[Any]) -> list[Any]:
-    """Return the N columns of values (..., N) as a list."""
+    """Return the N columns of values (..., N) as a list: arrays (...), of a single instant Python numbers."""
     return values.tolist() if values.ndim == 1 else list(np.moveaxis(values, -1, 0))
 
 
 def body_point(at: LinkMotion, pin: Pin) -> MovingPoint:
-    """Return the motion of a point that is fixed to a body.
+    """Return the motion of a point that is fixed to a body; a point of the chassis is taken as at rest.
 
     at: motion of the links
     pin: number of the body (0: the chassis) and place x + i z in its frame [m]
@@ -186,7 +186,11 @@ def point_on_line(foot: MovingPoint, end: MovingPoint, distance: float) -> Movin
 
 
 def gravity_factor(moving: Motion) -> Vector:
-    """Return gravity as a complex factor (...) [m/s^2]: Im(factor * vector) is g times the vector's rise."""
+    """Return gravity as a complex factor (...) [m/s^2]: Im(factor * vector) is g times the vector's true rise.
+
+    The vector is x + i z in chassis axes. Where the acceleration of the base is measured, Im(factor * vector) is the
+    scalar product of the specific force of the first pin and the vector.
+    """
     factor = moving.g * np.exp(1j * (moving.q[..., 0] - moving.a[..., 0]))
     return complex(factor) if moving.q.ndim == 1 else np.asarray(factor)
 
@@ -196,6 +200,7 @@ def unit_mass_torque(
 ) -> tuple[list[Number], list[Number]]:
     """Return two lists for a point mass of 1 kg, one value (...) per joint j: momentum [N m s], static torque [N m].
 
+    The torque of joint j that holds and moves the mass is d(momentum)/dt + static torque.
     They are p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with v the velocity of the mass, x_j the
     derivatives of its place by the joints' angles, rho its distance from the slew axis.
 
@@ -219,7 +224,10 @@ def _less(minuend: list[Any], subtrahend: list[Any]) -> list[Any]:
 
 
 def _arm(bars: FourBar, base: Vector) -> Vector:
-    """Return `FourBar.arm`, a Python number for a Python number."""
+    """Return the vector (...,) [m] from rocker pin to rocker end (`FourBar.arm`), a Python number for a Python number.
+
+    base: vector from rocker pin to link pin, x + i z (...,) [m]
+    """
     if not isinstance(base, complex):
         return bars.arm(base)
     return complex(bars.arm(np.asarray(base)))

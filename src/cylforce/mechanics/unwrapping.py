@@ -19,7 +19,8 @@ class JointSensors(NamedTuple):
     middle: middle of the joint's range [rad]
     encoder: number of the signal of its encoder; None: none
     inclined: number of the signal of its link's inclinometer; None: none
-    length: number of the signal of its cylinder's length; None: none, or not needed
+    length: number of the signal of its cylinder's length; None: none, or not needed, because the joint has another
+        sensor or no link farther out has an inclinometer
     lengths: that cylinder's lengths in ascending order (P,) [m]
     angles: joint angle at each of these lengths (P,) [rad]
     """
@@ -68,7 +69,10 @@ class Unwrapping:
         return tuple(self._sensors(j, needed=j < last) for j in range(self.machine.size))
 
     def _sensors(self, j: int, *, needed: bool) -> JointSensors:
-        """Return the sensors of joint j; `needed`: a later joint is measured by an inclinometer."""
+        """Return the sensors of joint j.
+
+        needed: whether a link farther out has an inclinometer, for which the angle of this joint must be known
+        """
         link = self.machine.links[j]
         encoder, inclined = (self._number.get((kind, j)) for kind in (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION))
         sensors = JointSensors(
@@ -86,14 +90,14 @@ class Unwrapping:
         return sensors
 
     def of(self, values: Array) -> Array:
-        """Return samples (..., S) [SI] with whole turns added to their angles."""
+        """Return a copy of the values (..., S) [SI] of all signals with whole turns added to joint and tilt angles."""
         unwrapped = values.copy()
         columns = list(np.moveaxis(unwrapped, -1, 0))
         self.apply(columns)
         return np.stack(columns, axis=-1) if columns else unwrapped
 
     def apply(self, columns: MutableSequence[Any]) -> None:
-        """Add whole turns to the angles among the signals, in place.
+        """Add whole turns to pitch, roll, joint angles and inclinations among the signals, in place.
 
         columns: values of the S signals [SI]: S numbers of one sample, or S arrays (...,)
         """

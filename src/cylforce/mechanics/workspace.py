@@ -46,7 +46,8 @@ def working_range(machine: Machine) -> Array:
     """Return the lowest and highest value (N, 2) [rad] of every angle of `drive` clear of end stops and dead points.
 
     It is the longest such interval of each joint's range, with the other joints in mid-range. Joints that the cylinder
-    reaches over may be anywhere in their own working range. Raises ValueError when a joint has no such angle.
+    reaches over may be anywhere in their own working range. A joint without a cylinder has its whole range. Raises
+    ValueError when a joint has no such angle.
     """
     ranges = np.array([(link.angle_low, link.angle_high) for link in machine.links])
     middle = ranges.mean(axis=1)
@@ -59,9 +60,9 @@ def _clear(machine: Machine, middle: Array, ranges: Array, j: int) -> Array:
     """Return the longest interval (2,) [rad] of an angle of `drive`, that of joint j, clear of end stops and dead
     points. Raises ValueError when there is none.
 
-    middle: (N,) angles of the other joints [rad]
-    ranges: (N, 2) ranges of the angles [rad], of which those of joints that the cylinder reaches over are working
-        ranges already
+    middle: (N,) middles of the joints' ranges, where the other joints stand [rad]
+    ranges: (N, 2) lowest and highest angle of every joint [rad], of joints before j in their working range already
+    j: number of the joint, from 0
     """
     over = sorted({i for span in machine.spans if max(span) == j for i in span if i < j})
     inner = np.array(list(product(*(np.linspace(ranges[i, 0], ranges[i, 1], ACROSS) for i in over))))
@@ -81,9 +82,11 @@ def _clear(machine: Machine, middle: Array, ranges: Array, j: int) -> Array:
 
 
 def _drivable(machine: Machine, at: Geometry, j: int) -> NDArray[np.bool_]:
-    """Return whether at each pose (...,) every cylinder that ends at joint j is clear of end stops and dead points.
+    """Return whether at each pose (...,) no cylinder whose outermost joint is j is near an end stop or dead point.
 
-    at: lengths [m] and transmissions of the cylinders at the poses
+    Clear is a length more than STOP_MARGIN of the stroke from both ends, and a transmission above MIN_TRANSMISSION.
+
+    at: lengths [m] and transmissions of all cylinders at the poses
     """
     good = np.ones(at.length.shape[:-1], dtype=bool)
     for c, cylinder in enumerate(machine.cylinders):
@@ -99,11 +102,12 @@ def _drivable(machine: Machine, at: Geometry, j: int) -> NDArray[np.bool_]:
 def stroke_time(machine: Machine, u: Array, j: int, target: float, speed: float) -> float:
     """Return the shortest time [s] of a minimum-jerk stroke of one joint within the limits of its cylinders.
 
-    The cylinders stay below `speed` and HASTE. A joint without a cylinder has a lever of 1 m.
+    The speed of every cylinder stays below `speed`, its acceleration below HASTE, both computed with the largest lever
+    on the way. A joint without a cylinder has a lever of 1 m.
 
     u: start (N,) [rad], angles of `drive`
-    j: number of the joint
-    target: end of the stroke [rad]
+    j: number of the joint whose angle of `drive` changes; the others stay
+    target: angle of `drive` at the end of the stroke [rad]
     speed: highest cylinder speed [m/s]
     """
     poses = np.tile(u, (17, 1))
@@ -127,10 +131,13 @@ def is_loader(machine: Machine) -> bool:
 
 
 def lifting(machine: Machine) -> tuple[int, ...]:
-    """Return the driven joints that lift all the others: a loader's arm, else those before the stick."""
+    """Return the numbers of the driven joints that lift all the others.
+
+    On a loader they are all but the last joint, else all but the last two (stick and tool).
+    """
     return tuple(j for j in driven(machine) if j < machine.size - (1 if is_loader(machine) else 2))
 
 
 def driven(machine: Machine) -> tuple[int, ...]:
-    """Return the joints on which at least one cylinder acts; the others are taken as locked."""
+    """Return the numbers (from 0) of the joints on which at least one cylinder acts; the others are taken as locked."""
     return tuple(sorted({j for span in machine.spans for j in span}))

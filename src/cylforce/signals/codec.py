@@ -31,8 +31,8 @@ class Slot(NamedTuple):
 class Decoder(NamedTuple):
     """Compiled layout of a PDO.
 
-    node_id: of the sender
-    struct:  of all fields
+    node_id: CANopen node number of the sender
+    struct:  compiled format of all fields, little endian
     slots:   fields that carry signals
     missing: raw value of each field that means "no value"; None: a float, where NaN means it
     """
@@ -68,18 +68,21 @@ def _decoder(pdo: Pdo, signals: Mapping[str, int]) -> Decoder:
 
 
 def _struct(pdo: Pdo) -> Struct:
+    """Return the compiled format of a PDO's data, little endian, without gaps."""
     return _little_endian(*[field.code for field in pdo.fields])
 
 
 @cache
 def _little_endian(*codes: str) -> Struct:
+    """Return the compiled little-endian format of fields with these `struct` codes, without gaps."""
     return Struct("<" + "".join(codes))
 
 
 def decode(pdo: Pdo, data: bytes) -> dict[str, float]:
     """Return the SI values that the data of a PDO carry, by the names of the signals; NaN for "no value".
 
-    Raises struct.error when `data` is shorter than the PDO.
+    Values out of the fields' ranges are returned, too; bytes beyond the PDO are ignored. Raises struct.error when
+    `data` is shorter than the PDO.
 
     pdo:  layout of the PDO
     data: bytes of the frame
@@ -131,7 +134,10 @@ class Raw(NamedTuple):
 
     @property
     def fits(self) -> bool:
-        """Whether there is no offset, and each value in range has an integer that carries it or means "no value"."""
+        """Whether the field is an integer without offset, and no value of its range needs another than it can hold.
+
+        The ends of the range are checked: each has an integer that carries it, or the one that means "no value".
+        """
         if self.offset or self.integers is None:
             return False
         least, most = self.integers
@@ -143,8 +149,8 @@ class Raw(NamedTuple):
 class Layout(NamedTuple):
     """Layout of a PDO, for encoding.
 
-    struct: of all fields
-    fields: in their order
+    struct: compiled format of all fields, little endian
+    fields: conversion of each field, in their order
     """
 
     struct: Struct
@@ -163,7 +169,11 @@ def _raw_field(f: Field) -> Raw:
 
 
 def packed(of: Layout, values: Sequence[float]) -> bytes:
-    """Return the data of a PDO from the SI values of all its fields, in their order."""
+    """Return the data of a PDO from the SI values of all its fields, in their order.
+
+    A value that is not finite, out of the field's range, or without an integer is sent as "no value". Unlike
+    `encode`, it adds no whole turns to angles.
+    """
     return of.struct.pack(*_raws(of, values))
 
 

@@ -73,10 +73,10 @@ class Sample:
     """The signals at a tick, in the order of the machine's signals.
 
     t_us:    time of the tick [us]
-    plain:   (S,) SI values, as Python's own array, which the kernel reads
+    plain:   (S,) SI values, as Python's own array, which the kernel reads; a value counts only if its reason is NONE
     reasons: (S,) why each signal is not usable; NONE: usable
     late:    why at least one value is repeated from before; NONE: all are fresh
-    stepped: numbers of the signals that stepped and stayed there
+    stepped: numbers of the signals that jumped and stayed there
     """
 
     t_us: int
@@ -87,7 +87,7 @@ class Sample:
 
     @property
     def values(self) -> Array:
-        """The SI values (S,) as a NumPy array."""
+        """The SI values (S,) as a NumPy array; it shares the memory of `plain`."""
         return np.frombuffer(self.plain)
 
 
@@ -98,7 +98,7 @@ class Quantity:
     value:          SI units; NaN when INVALID
     standard_error: in the unit of the value; NaN when INVALID
     status:         trust in the value
-    reason:         why the status is not OK
+    reason:         why the status is not OK; NO_CONTACT also of a force that is OK
     """
 
     value: float
@@ -108,12 +108,15 @@ class Quantity:
 
 
 def invalid(reason: Reason) -> Quantity:
-    """Return a quantity without a value."""
+    """Return a quantity without a value: NaN, INVALID for this reason."""
     return Quantity(nan, nan, Status.INVALID, reason)
 
 
 def less(quantity: Quantity, by: float) -> Quantity:
-    """Return the quantity with its value reduced `by` an exactly known number in its unit, such as a tare [kg]."""
+    """Return the quantity with its value reduced `by` an exactly known number in its unit, such as a tare [kg].
+
+    Standard error, status and reason stay.
+    """
     if not by:
         return quantity
     return Quantity(quantity.value - by, quantity.standard_error, quantity.status, quantity.reason)
@@ -145,9 +148,9 @@ def within(quantity: Quantity, limits: tuple[float, float], largest_error: float
 class Force:
     """Force of the outside world on the tool, in the vertical plane of the arm.
 
-    x, z:       components [N], forward and up
+    x, z:       components [N], truly horizontal forward and truly vertical up
     magnitude:  [N]
-    direction:  [rad] from x towards z
+    direction:  [rad] of the force, from x towards z
     covariance: of the components, (xx, xz, zz) [N^2]
     """
 
@@ -174,7 +177,7 @@ class Force:
 
 
 def invalid_force(reason: Reason) -> Force:
-    """Return a force without a value."""
+    """Return a force without values: all quantities INVALID for this reason, the covariance NaN."""
     nothing = invalid(reason)
     return Force(nothing, nothing, nothing, nothing, (nan, nan, nan))
 
@@ -183,13 +186,13 @@ def invalid_force(reason: Reason) -> Force:
 class Booking:
     """A weight that was accurate enough to be booked. While the bucket returns, the same booking becomes more precise.
 
-    number:           count of bookings
+    number:           count of bookings; the same for the same booking made more precise
     t_us:             time of booking [us]
-    mass:             gross weight [kg]
+    mass:             all that was in the bucket during the lift, before the operator's zero and tare [kg]
     standard_error:   of the mass [kg]
     carry_back:       material that stayed in the bucket [kg]
     carry_back_error: its standard error [kg]
-    dumped:           material that left the bucket [kg]
+    dumped:           material that left the bucket, mass less carry_back [kg]
     dumped_error:     its standard error [kg]
     by_hand:          whether the operator entered it instead of a weighing
     """
@@ -215,7 +218,7 @@ class Load:
     """Load in the bucket.
 
     mass:               [kg]
-    centre_x, centre_z: centre of mass [m] in the frame of the last link
+    centre_x, centre_z: centre of mass [m] in the frame of the last link, whose origin is its inner pin
     """
 
     mass: Quantity
@@ -233,7 +236,7 @@ class Load:
 
 
 def invalid_load(reason: Reason) -> Load:
-    """Return a load without a value."""
+    """Return a load without values: mass and centre INVALID for this reason."""
     nothing = invalid(reason)
     return Load(nothing, nothing, nothing)
 
@@ -243,7 +246,7 @@ class Estimate:
     """Estimates of a tick, as published.
 
     t_us:    time of the tick [us]
-    load:    before zero and tare
+    load:    load in the bucket, from whose mass neither zero nor tare is subtracted
     gross:   mass of the load less the operator's zero [kg]
     net:     gross less the tare [kg]
     force:   resultant of all that acts on the tool

@@ -5,7 +5,14 @@ from enum import StrEnum
 
 
 class Kind(StrEnum):
-    """Measured quantity of a sensor; the SI unit of each is in `UNIT`."""
+    """Measured quantity of a sensor; the SI unit of each is in `UNIT`.
+
+    FORCE_PIN:        force of a cylinder, positive: it pushes
+    JOINT_ANGLE:      angle of a link from the link before it, of the first link from the house
+    LINK_INCLINATION: angle of a link from the true horizontal
+    CYLINDER_LENGTH:  length of a cylinder from pin to pin
+    PITCH:            pitch of the house from the true horizontal, positive: nose up
+    """
 
     HEAD_PRESSURE = "head_pressure"
     ROD_PRESSURE = "rod_pressure"

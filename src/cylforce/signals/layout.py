@@ -22,10 +22,10 @@ class Field:
     """One mapped object.
 
     signal:        name of the signal or published value; None: unused bytes
-    index, sub:    address of the object
+    index, sub:    index and subindex of the object in the sender's object dictionary
     code:          `struct` code of its type
     scale, offset: SI value = raw * scale + offset
-    unit:          SI unit
+    unit:          SI unit of the value
     low, high:     range outside which a value is neither accepted nor published [SI]
     note:          bandwidth and delay of a published value, for its description
     """
@@ -46,11 +46,11 @@ class Pdo(NamedTuple):
     """Layout of a PDO.
 
     can_id:      identifier on the bus
-    node_id:     of the sender
+    node_id:     CANopen node number of the sender
     number:      TPDO number, 1 to 512
     synchronous: sent after each `sync`-th SYNC; else by an event timer
-    sync:        number of SYNCs from one to the next
-    period_s:    of the event timer [s]
+    sync:        number of SYNCs from one to the next; 0 with an event timer
+    period_s:    time from one to the next, by SYNC or by the event timer [s]
     fields:      in byte order, little endian, without gaps: unused bytes are fields too
     """
 

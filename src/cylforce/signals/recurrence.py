@@ -11,8 +11,9 @@ from cylforce.signals.estimate import Array
 
 
 def clipped(steps: Array, most: float) -> Array:
-    """Return z (T,) with z_k = z_(k-1) + steps_k, clipped to -most..most, from 0 on: the play operator.
+    """Return z (T,) with z_k = z_(k-1) + steps_k, clipped to -most..most at each step, from 0 before the first step.
 
+    This is the play operator: it follows a motion to and fro up to `most`, and then slides.
     Several clipped steps in a row are again one step between two limits, so that a block of them is three numbers.
 
     steps: (T,) change of z at each step
@@ -34,9 +35,9 @@ def clipped(steps: Array, most: float) -> Array:
 
 
 def _within(value: Array, step: Array, most: float) -> Array:
-    """Add one step to the values of all blocks (n,), clip them to -most..most, and return them.
+    """Add one step (B,) to one value of each block (B,), clip the sums to -most..most, and return them.
 
-    `value` is written in place. All three are in the unit of the steps.
+    `value` is written in place and is the array returned. All three are in the unit of the steps.
     """
     value += step
     np.maximum(value, -most, out=value)
@@ -44,12 +45,13 @@ def _within(value: Array, step: Array, most: float) -> Array:
 
 
 def followed(aims: Array, kept: Array) -> Array:
-    """Return z (T,) with z_k = aim_k + (z_(k-1) - aim_k) kept_k, from 0 on: each value moves towards its aim.
+    """Return z (T,) with z_k = aim_k + (z_(k-1) - aim_k) kept_k, from 0 before the first step.
 
+    Each step moves the value towards an aim of its own.
     Several such steps in a row are one step z factor + offset, so that a block of them is two numbers.
 
     aims: (T,) aim of each step
-    kept: (T,) share of the distance from the aim that a step keeps
+    kept: (T,) share of the distance from the aim that a step keeps, 0 to 1
     """
     keep, add, last = _blocks(kept, 1.0), _blocks(aims * (1.0 - kept), 0.0), len(aims)
     factor, offset = np.ones(keep.shape[1]), np.zeros(keep.shape[1])
@@ -69,7 +71,7 @@ def followed(aims: Array, kept: Array) -> Array:
 
 
 def _blocks(values: Array, filler: float) -> Array:
-    """Return values (T,) as columns (L, B): B blocks of L samples, one after the other.
+    """Return values (T,) as columns (L, B): B consecutive blocks of L samples, one block in each column.
 
     L is about the square root of T.
 

@@ -19,7 +19,7 @@ ROUNDING = 1e-9  # turns by which rounding may move a value; a digit of 32 bits 
 
 
 def is_circle(low: float, high: float) -> bool:
-    """Return whether a sensor that reads from `low` to `high` [rad] reads every direction."""
+    """Return whether a sensor that reads from `low` to `high` [rad] reads every direction: CIRCLE or more."""
     return high - low >= CIRCLE
 
 
@@ -42,15 +42,18 @@ def nearest(angle: Array | float, middle: Array | float) -> Array | float:
 def in_range(angle: Array | float, low: Array | float, high: Array | float) -> Array:
     """Return angle + 2 pi k [rad], k whole, from `low` to `high` [rad]; the angle as it is where no k leads there.
 
-    An angle in range is not changed. Rounding may move an angle by ROUNDING turns beyond `low`."""
+    An angle in range is not changed. Of several such k the one that leads nearest to `low` is taken. A result may lie
+    below `low` by ROUNDING turns. The three arguments are broadcast to one array.
+    """
     other = angle - TURN * np.floor((angle - low) / TURN + ROUNDING)
     outside = (angle < low) | (angle > high)
     return np.where(outside & (other <= high), other, angle)
 
 
 def continuous(angles: Array, before: Array) -> Array:
-    """Return angles (T, K) [rad] with whole turns added so that none differs from the one before by more than half a
-    turn. NaN stays NaN.
+    """Return angles (T, K) [rad] with whole turns added so that no angle of a column jumps by more than half a turn.
+
+    The jump is that from the last known angle of the column, across NaN, which stays NaN.
 
     before: (K,) last angle of each column before the first row; NaN: none
     """
@@ -77,9 +80,10 @@ class Follower:
     def follow(self, values: Array) -> Array:
         """Return the next piece (T, S) of the recording with whole turns added to the angles [rad].
 
-        No angle then differs from the last known one of its column by more than half a turn. NaN stays NaN.
+        No angle then differs from the last known one of its column by more than half a turn. NaN stays NaN. The last
+        known angles are kept in `before` for the next piece.
 
-        values: (T, S) samples, of which the columns that are angles may lose whole turns
+        values: (T, S) samples, of which the columns that are angles may lack whole turns
         """
         if not self.columns:
             return values

@@ -20,8 +20,8 @@ class MassUnit(NamedTuple):
 
     symbol: of the unit
     kg:     size of the unit [kg]
-    digits: decimals on a display
-    fine:   decimals of single buckets on lists and tickets
+    digits: number of decimals on a display
+    fine:   number of decimals of single buckets on lists and tickets
     """
 
     symbol: str

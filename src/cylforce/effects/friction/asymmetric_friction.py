@@ -14,8 +14,9 @@ class AsymmetricFriction:
     """Friction that is larger in one direction than in the other.
 
     With `way` 0 the mean of both directions is unchanged: force f |sgn(v)|, added to the symmetric f_c sgn(v). With
-    `way` 1 or -1 only extending or only retracting changes: force f sgn(v) in that direction, none in the other. Lip
-    seals have more friction in one direction.
+    f > 0 friction is then larger while extending, smaller while retracting. With `way` 1 or -1 only extending or only
+    retracting changes: force f sgn(v) in that direction, none in the other; with f > 0 friction is larger there. Forces
+    are those that the cylinder supplies, positive: it pushes. Lip seals have more friction in one direction.
     """
 
     depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
@@ -39,19 +40,21 @@ class AsymmetricFriction:
 
     @property
     def of_dry(self) -> float:
-        """Friction of neither direction can be less than none: half the difference is at most the mean, a change of one
+        """Largest plausible |f| as a multiple of the dry friction f_c, the mean of both directions: 1, or 2 with `way`.
+
+        Friction of neither direction can be less than none: half the difference is at most the mean, a change of one
         direction alone at most twice the mean."""
         return float(self._directions)
 
     @property
     def _directions(self) -> int:
-        """Factor on a size that changes only one direction: the difference is not shared by both."""
+        """Factor on the plausible sizes: 2 if only one direction changes, as the difference is not shared by both."""
         return 2 if self.way else 1
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f, shaped as `speed` [m/s]: |sgn(v)|, or sgn(v) in the direction `way` alone.
+        """Return the force [N] per newton of f, shaped as `speed` v [m/s].
 
-        sgn(v) is rounded as tanh(v / rounding).
+        It is |sgn(v)|, or sgn(v) in the direction `way` alone. sgn(v) is rounded as tanh(v / rounding).
         """
         turned = np.tanh(speed / self.rounding)
         return np.asarray(np.where(self.way * speed > 0.0, turned, 0.0) if self.way else np.abs(turned))

@@ -11,7 +11,10 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class CoulombFriction:
-    """Dry friction of a cylinder: force f sgn(v). As a fault f is the difference from the model, larger for f > 0."""
+    """Dry friction of a cylinder, which supplies the additional force f sgn(v) against it; v > 0: it extends.
+
+    As a fault f is the difference of the friction from that of the model: f > 0 is more friction.
+    """
 
     depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
 
@@ -32,5 +35,5 @@ class CoulombFriction:
         )
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f, shaped as `speed` [m/s]: sgn(v), rounded as tanh(v / rounding)."""
+        """Return the force [N] per newton of f, shaped as `speed` v [m/s]: sgn(v), rounded as tanh(v / rounding)."""
         return np.asarray(np.tanh(speed / self.rounding))

@@ -16,7 +16,8 @@ LEAST_FORCE = 1000.0  # N, force scale of the smooth sgn(F); chosen: far below t
 class CounterbalancePressure:
     """Counterbalance valve that brakes a cylinder while it lowers its load, F v < 0, by a pressure outside the sensors.
 
-    The force is sgn(F) f (1 - `relief` |F|), zero beyond |F| = 1 / `relief`, and while the cylinder lifts or rests.
+    The additional force of the cylinder is sgn(F) f (1 - `relief` |F|), F its measured force (positive: it pushes). It
+    is zero beyond |F| = 1 / `relief`, and while the cylinder lifts or rests.
     With f > 0 the pump must press on the other side to open the valve, and there is no sensor on that side. A heavy
     load opens it with less pilot pressure, (p_set - p_load) / ratio, which is the `relief`. With f < 0 the sensor on
     the loaded side lies beyond the valve.
@@ -41,11 +42,11 @@ class CounterbalancePressure:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """Valves are set to open alone at 1.3 times the largest load: of small cylinders 50 kN."""
+        """Range of `relief`. Valves are set to open alone at 1.3 times the largest load: of small cylinders 50 kN."""
         return (ShapeRange("relief", 0.0, 2e-5, log=True, shift=2e-6),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) [N m] of cylinder `where` per newton of f."""
+        """Return the torques (T, N) [N m] that cylinder `where` supplies in addition, per newton of f."""
         force = moving.force[:, where]
         sign = np.tanh(force / LEAST_FORCE)
         lowers = np.maximum(-sign * np.tanh(moving.speed[:, where] / self.rounding), 0.0)

@@ -15,15 +15,19 @@ NEVER = np.zeros(())  # s: the time argument, which the laws of a model do not u
 
 
 def _columns(law: Array, lever: Array) -> Halves:
-    """Return the static columns (..., N, C) of a force law (..., C) that acts on levers (..., C, N) [m/rad]."""
+    """Return the static columns (..., N, C) [N m per unit] of a force law with these forces per unit.
+
+    law:   (..., C) forces of the cylinders per unit of their coefficients
+    lever: (..., C, N) levers [m/rad]
+    """
     return Halves(None, (law[..., None] * lever).swapaxes(-1, -2))
 
 
 @dataclass(frozen=True, slots=True)
 class Friction:
-    """Force law with one coefficient per cylinder, `<cylinder>.<name>`.
+    """Force law with one coefficient per cylinder, `<cylinder>.<name>`, in the unit of the law.
 
-    name: name of the coefficient
+    name: name of the coefficient, such as "coulomb"
     law:  the law; it may depend on speed and force at the same instant only, not on time or history
     """
 
@@ -32,11 +36,11 @@ class Friction:
 
     @property
     def depends_on(self) -> tuple[str, ...]:
-        """Quantities of a motion on which the law depends."""
+        """Names of the fields of `Motion` on which the columns depend."""
         return depends_on(self.law)
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Return the coefficient of every cylinder."""
+        """Return the parameters: the coefficient of each of C cylinders."""
         return tuple(Parameter(f"{c.name}.{self.name}", self.law.about.unit) for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
@@ -55,10 +59,10 @@ class AtRest:
     rounding: float  # m/s, speed scale of the smooth sgn(v)
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Return the unknown share of f_c [N] of every cylinder."""
+        """Return the parameters: dry friction f_c [N] of each of C cylinders, of unknown direction at rest."""
         return tuple(Parameter(f"{c.name}.at_rest", "N") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the static columns (..., N, C) [N m per N of f_c], never negative."""
+        """Return the static columns (..., N, C) [N m per N of f_c], never negative: |lever| at rest, 0 in motion."""
         unknown = 1.0 - np.abs(np.tanh(moving.speed / self.rounding))
         return _columns(unknown, np.abs(moving.lever))

@@ -10,7 +10,7 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class FrictionLevelChange:
-    """Identified friction of a cylinder, all laws, multiplied by 1 + size."""
+    """Identified friction of a cylinder, in all its `laws`, multiplied by 1 + size; a size of 0 changes nothing."""
 
     @property
     def about(self) -> About:

@@ -42,7 +42,8 @@ class FrictionTemperatureDrift:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """Oil of one cylinder at hard work warms within 20 s, a tank with its machine in an hour."""
+        """Range of `settling`: oil of one cylinder at hard work warms within 20 s, a tank with its machine in an
+        hour."""
         return (ShapeRange("settling", 20.0, 3600.0, log=True),)
 
     @property
@@ -51,5 +52,6 @@ class FrictionTemperatureDrift:
         return ("viscous",) if self.viscous else ("coulomb", "viscous", "load_dependent")
 
     def course(self, t: Array) -> Array:
-        """Return 1 - exp(-t / settling), with `cold` exp(-t / settling), at times t (T,) [s]."""
+        """Return 1 - exp(-t / settling), with `cold` exp(-t / settling), at times t (T,) [s] since the start of the
+        recording."""
         return np.asarray(np.exp(-t / self.settling) if self.cold else -np.expm1(-t / self.settling))

@@ -11,7 +11,10 @@ from cylforce.signals.estimate import Array
 @dataclass(frozen=True, slots=True)
 class LoadDependentFriction:
     """Friction that grows with the cylinder force F: a |F| sgn(v), or, with `easing` e > 0, a sgn(v)
-    (1 - exp(-e |F|)) / e, which saturates (mechanics/README.md, section 6)."""
+    (1 - exp(-e |F|)) / e, which saturates (mechanics/README.md, section 6).
+
+    It is the additional force that the cylinder supplies, positive: it pushes; v > 0: it extends.
+    """
 
     rounding: float = 0.002  # m/s, speed scale of the smooth sgn(v)
     easing: float = 0.0  # 1/N, the inverse of the force at which the friction begins to saturate; 0: it never does

@@ -11,7 +11,7 @@ from cylforce.mechanics.machine import Machine
 from cylforce.mechanics.motion import Motion
 from cylforce.signals.estimate import Array
 
-STEP = 1e-4  # m, of the finite difference below; chosen: rounding and truncation both negligible
+STEP = 1e-4  # m, displacement of the finite difference below; chosen: rounding and truncation both negligible
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +42,9 @@ class PinFriction:
         )
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) [N m] of the cylinders per metre of r: |P| sgn(w) at joint `where`.
+        """Return the additional torques (T, N) [N m] of the cylinders per metre of r.
 
-        sgn(w) is rounded as tanh(w / rounding).
+        They are |P| sgn(w) at joint `where`, zero at the others. sgn(w) is rounded as tanh(w / rounding).
         """
         turning = np.diff(moving.qd, axis=-1, prepend=0.0)[:, where]
         pressed = np.abs(bodies(machine, moving).weight(where) - _pushed(machine, moving, where))
@@ -56,7 +56,8 @@ class PinFriction:
 def _pushed(machine: Machine, moving: Motion, joint: int) -> Complex:
     """Return the force (T,) [N], forwards + i upwards, of the cylinders on the links from `joint` outwards.
 
-    By virtual work: force times the change of the cylinder's length by a displacement of these links, per metre.
+    Only cylinders that act on this joint are counted. By virtual work: force times the change of the cylinder's length
+    by a displacement of these links, per metre.
     """
     at = machine.pose(np.diff(moving.a, axis=-1, prepend=0.0))
     outer = np.arange(machine.size + 1) > joint  # body 0 is the chassis

@@ -13,10 +13,10 @@ from cylforce.signals.recurrence import clipped, followed
 class PreslidingHysteresis:
     """Difference between Dahl's friction f z and Coulomb friction f sgn(v): dz/dt = v / way (1 - z sgn(v)).
 
-    After a reversal z reaches its new value within a few times `way` [m].
+    After a reversal z, between -1 and 1, reaches its new value within a few times `way` [m].
     """
 
-    way: float = 0.001  # m
+    way: float = 0.001  # m, distance after a reversal in which 63 % of the way of z to its new value is covered
     slack: float = 0.0002  # m, hysteresis against sensor noise: smaller movements to and fro do not change z; chosen
     rounding: float = 0.0005  # m/s, speed scale of the smooth sgn(v)
 
@@ -38,15 +38,15 @@ class PreslidingHysteresis:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """Seals bend by 0.2 to 8 mm before they slide."""
+        """Range of `way`: seals bend by 0.2 to 8 mm before they slide."""
         return (ShapeRange("way", 0.0002, 0.008, log=True),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force (T,) per newton of f: z - sgn(v).
+        """Return the force (T,) [N] per newton of f: z - sgn(v), sgn(v) rounded as tanh(v / rounding).
 
-        z is integrated exactly over the movement beyond the `slack`, from z = 0 at the first sample.
+        z is integrated exactly over the movement beyond the `slack`, from z = 0 before the first sample.
 
-        speed: (T,) [m/s]
+        speed: (T,) of the cylinder [m/s], positive: it extends
         t:     (T,) time [s]
         """
         steps = speed * np.gradient(t)

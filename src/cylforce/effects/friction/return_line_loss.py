@@ -7,15 +7,16 @@ import numpy as np
 from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.signals.estimate import Array
 
-USUAL = 0.3  # m/s, speed at which the size is stated
+STATED_SPEED = 0.3  # m/s, speed at which the size f is stated
 
 
 @dataclass(frozen=True, slots=True)
 class ReturnLineLoss:
     """Pressure loss in the lines between sensors and chambers, as a force of the cylinder.
 
-    It is f sgn(v) (|v| / 0.3 m/s)^power in one direction of motion, zero in the other. Extending and retracting have
-    sizes of their own: the lines of both sides, their areas and a one-way throttle allow any ratio.
+    It is f sgn(v) (|v| / 0.3 m/s)^power in one direction of motion, zero in the other, and is contained in the measured
+    force (positive: it pushes; v > 0: it extends) but does not reach the piston. Extending and retracting have sizes of
+    their own: the lines of both sides, their areas and a one-way throttle allow any ratio.
     """
 
     way: int = 1  # 1: while extending, -1: while retracting
@@ -42,8 +43,8 @@ class ReturnLineLoss:
         return (ShapeRange("power", 1.0, 2.0),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f, shaped as `speed` v [m/s]; f is the force at 0.3 m/s.
+        """Return the force [N] per newton of f, shaped as `speed` v [m/s]; f is the force at 0.3 m/s.
 
         It is way (|v| / 0.3 m/s)^power in the direction `way`, else 0.
         """
-        return np.asarray(self.way * (np.maximum(self.way * speed, 0.0) / USUAL) ** self.power)
+        return np.asarray(self.way * (np.maximum(self.way * speed, 0.0) / STATED_SPEED) ** self.power)

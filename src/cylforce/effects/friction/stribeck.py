@@ -10,9 +10,12 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class Stribeck:
-    """Additional friction at low speed: force f exp(-(v / width)^2) sgn(v), gone above about twice `width` [m/s]."""
+    """Additional friction at low speed: force f exp(-(v / width)^2) sgn(v), gone above about twice `width` [m/s].
 
-    width: float = 0.015  # m/s
+    It is the additional force that the cylinder supplies, positive: it pushes; v > 0: it extends.
+    """
+
+    width: float = 0.015  # m/s, speed at which it has fallen to 37 %
     rounding: float = 0.0005  # m/s, speed scale of the smooth sgn(v)
 
     @property
@@ -33,11 +36,11 @@ class Stribeck:
 
     @property
     def shapes(self) -> tuple[ShapeRange, ...]:
-        """Stribeck speeds of oiled seals and bushes: 5 to 50 mm/s."""
+        """Range of `width`: Stribeck speeds of oiled seals and bushes, 5 to 50 mm/s."""
         return (ShapeRange("width", 0.005, 0.05, log=True),)
 
     def force(self, speed: Array, force: Array, t: Array) -> Array:
-        """Return the force per newton of f, shaped as `speed` [m/s]: exp(-(v / width)^2) sgn(v).
+        """Return the force [N] per newton of f, shaped as `speed` v [m/s]: exp(-(v / width)^2) sgn(v).
 
         sgn(v) is rounded as tanh(v / rounding).
         """

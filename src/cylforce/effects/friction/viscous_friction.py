@@ -9,8 +9,10 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class ViscousFriction:
-    """Friction in proportion to the cylinder's speed: force f v. As a fault: by how much it is larger than in the
-    model."""
+    """Friction in proportion to the speed v of a cylinder, which supplies the additional force f v; v > 0: it extends.
+
+    As a fault f is the difference of the coefficient from that of the model: f > 0 is more friction.
+    """
 
     depends_on: ClassVar[tuple[str, ...]] = ("speed", "lever")
 

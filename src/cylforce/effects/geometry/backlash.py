@@ -50,7 +50,12 @@ class Backlash:
         """Return the signals (T, S) with the joint's angle changed to a + size/2 s, s from -1 to 1 the position in the
         play.
 
-        The same object without an angle sensor.
+        The same object without an angle sensor. No reading changes where the joint stays on one side throughout.
+
+        values: (T, S) signals without the error [SI]
+        t:      (T,) time, evenly spaced [s]
+        where:  number of the joint
+        size:   play [rad]
         """
         signal, found = angle_signal(machine, where), values.copy()
         if signal is None:
@@ -64,7 +69,11 @@ class Backlash:
         return found
 
     def _pressing(self, machine: Machine, values: Array, t: Array, where: int) -> Array:
-        """Return the torque (T,) [N m] that decides on which side of the play the joint lies."""
+        """Return the torque (T,) [N m] that decides on which side of the play the joint lies.
+
+        It is the torque that carries and moves the outer links, by the data sheet's masses; with `pushed` that of the
+        measured cylinder forces, smoothed over SMOOTHING.
+        """
         if self.pushed:
             return followed(np.nan_to_num(measured_torque(machine, values, where)), t, SMOOTHING)
         return rigid_torque(machine, values, t, where)
@@ -72,6 +81,8 @@ class Backlash:
 
 def fallen(pressed: Array, step: float, play: float) -> Array:
     """Return the position (T,) in a play: 1 on the side to which a positive acceleration presses, -1 on the other.
+
+    On the way from side to side it is between these. It begins on the side to which the first acceleration presses.
 
     pressed: (T,) acceleration with which the torque presses the joint to one side [rad/s^2]
     step:    time between samples [s]
@@ -93,9 +104,11 @@ def fallen(pressed: Array, step: float, play: float) -> Array:
 
 
 def _moved(pressed: Array, play: float) -> Array:
-    """Return the travel (n,) [rad], from rest, at each step until the play is crossed or the joint is back.
+    """Return the travel (n,) [rad] away from one side, from rest, until the play is crossed or the joint is back.
 
-    pressed: (T,) acceleration times the square of the time between samples [rad]
+    It has a value for each step up to that one, so that n <= T; n = T where neither happens.
+
+    pressed: (T,) acceleration away from that side, times the square of the time between samples [rad]
     play:    width of the play [rad]
     """
     moved = np.zeros(0)

@@ -47,11 +47,12 @@ class BoomMotion:
         return (4.0, 4.0, 1.0)
 
     def halves(self, machine: Machine, moving: Motion, turning: Array, base: Array) -> Halves:
-        """Return the columns (..., N, 3) of Rx [N m per m], Rz [N m per m] and the share [N m], in joint torques.
+        """Return the columns (..., N, 3) per metre of Rx, per metre of Rz and for the whole share, in joint torques.
+
+        Their two halves are momentum [N m s] and static torque [N m].
 
         The columns of Rx and Rz are the difference that the velocity of the first pin makes, per metre of R. The column
-        of the share is the difference between link rates with and without `turning`. Both halves are such differences:
-        momentum, whose time derivative is a torque, and static torque.
+        of the share is the difference between link rates with and without `turning`. Both halves are such differences.
 
         moving:  motion of the links (...), with rates relative to a body at rest
         turning: (...,) pitch rate w of the carrying body [rad/s]
@@ -91,7 +92,7 @@ class _Bodies:
         """Return momentum p [N m s] and -dT/dq [N m] of every absolute angle, each (..., N).
 
         qd:       (..., N) rates [rad/s]
-        velocity: (..., 1) complex velocity of the first pin [m/s]
+        velocity: (..., 1) velocity of the first pin, x + i z in true horizontal and vertical [m/s]
         """
         r, arms = (self.base[..., 1] + 1j * self.base[..., 2]) * self.turn, self.machine.lengths * self.turn
         pins = velocity + (1j * qd * arms) @ self.machine.outward

@@ -42,10 +42,12 @@ class Compliance:
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
         """Return the signals (T, S) with the joint's angle changed to a + size tau / (1 + (stiffening tau)^2)^(1/4).
 
-        tau is the joint's torque from its cylinders' pressures. The same object without an angle sensor.
+        tau is the joint's torque from its cylinders' pressures after a first-order lag of `settling`. The same object
+        without an angle sensor.
 
         values: (T, S) signals without the error [SI]
-        t:      (T,) time [s]
+        t:      (T,) time, evenly spaced [s]
+        where:  number of the joint
         size:   compliance of the link [rad/(N m)]
         """
         signal = angle_signal(machine, where)

@@ -12,7 +12,8 @@ from cylforce.mechanics.machine import Machine
 class LinkageGeometry:
     """Pin or bar of the linkage that drives a joint, different from the drawing by size [m].
 
-    part:   number of the pin or bar; a pin is displaced along the x axis of the link that holds it, a bar is longer
+    part:   number of the pin or bar, from 0: foot and eye of a triangle; foot, rocker pin, link pin, rocker and link of
+            a four-bar. A pin is displaced along the x axis of the body that holds it, a bar is longer.
     across: whether a pin is displaced along the z axis instead
     """
 
@@ -36,7 +37,8 @@ class LinkageGeometry:
     def altered(self, machine: Machine, where: int, size: float) -> Machine:
         """Return the machine with the pin or bar of the linkage at joint `where` changed by `size` [m].
 
-        The same object when there is no such pin or bar.
+        It is the linkage of the first cylinder that acts on this joint alone. The same object when there is no such
+        cylinder, pin or bar.
         """
         driving = [c for c, span in enumerate(machine.spans) if span == (where,)]
         if not driving:
@@ -53,6 +55,8 @@ class LinkageGeometry:
 def _moved(linkage: Linkage, part: int, step: complex) -> Linkage | None:
     """Return the linkage with one part changed: a pin displaced by `step` = x + i z [m], a bar longer by a real `step`
     [m]; None where the linkage has no such part, and for a bar with a `step` that is not real.
+
+    part: number of the pin or bar, see `LinkageGeometry`
     """
     holder: Any = linkage
     parts = [(f.name, value) for f in fields(holder) if isinstance(value := getattr(holder, f.name), tuple | float)]

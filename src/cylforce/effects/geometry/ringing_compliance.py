@@ -52,7 +52,10 @@ class RingingCompliance:
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
         """Return the torques (T, N) [N m] of the cylinders per rad/(N m) of c: -(M_j W'' + K_j W).
 
-        W is the spring's response to tau. t (T,) is the time [s]; `where` is the joint with the spring.
+        W is the spring's response to tau, w^2 / (s^2 + 2 D w s + w^2) tau [N m], and W'' its second time derivative.
+
+        t:     (T,) time, evenly spaced [s]
+        where: number of the joint with the spring
         """
         arm = bodies(machine, moving)
         bent, accelerated = resonance(arm.torque(t, where), t, self.frequency, self.damping)

@@ -47,9 +47,12 @@ class SoftGround:
         return (ShapeRange("height", 0.7, 3.0),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) [N m] of the cylinders per rad/(N m): M_j psi'' + K_j psi of a rotation -M_weight.
+        """Return the torques (T, N) [N m] of the cylinders per rad/(N m) of size: -(M_j m'' + K_j m).
 
-        M_weight is the overturning moment of the arm's weight about the middle of the tracks.
+        m is the overturning moment (T,) [N m] of the arm's weight about the middle of the tracks, by the data sheet's
+        masses, and m'' its second time derivative: psi = size m.
+
+        t: (T,) time [s]
         """
         arm = bodies(machine, moving)
         middle = np.exp(1j * (moving.q[:, 0] - moving.a[:, 0])) * -complex(machine.slew_axis, self.height)

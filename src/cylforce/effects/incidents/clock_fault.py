@@ -7,8 +7,10 @@ from cylforce.effects.fault import About, Place, RunToRun, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class ClockFault:
-    """Pressures and angles time-stamped by different clocks: from some instant on one lags behind the other, by a
-    constant time or by a growing one."""
+    """Pressures and angles time-stamped by different clocks: from some instant on all pressures lag behind the angles,
+    by a constant time or by a growing one.
+
+    The two sizes are the delay of the pressures at that instant [s] and its growth [s/s]; negative: the angles lag."""
 
     @property
     def about(self) -> About:

@@ -7,7 +7,10 @@ from cylforce.effects.fault import About, Place, TimeCourse
 
 @dataclass(frozen=True, slots=True)
 class PayloadShift:
-    """A load that moves in the bucket: its centre changes, its mass does not, until the bucket is emptied."""
+    """A load that moves in the bucket: its centre changes, its mass does not, until the bucket is emptied.
+
+    The two sizes are the changes of its first moments X and Z about the last pin, in the last link's frame [kg m].
+    """
 
     @property
     def about(self) -> About:

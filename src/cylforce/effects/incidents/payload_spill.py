@@ -9,7 +9,8 @@ from cylforce.effects.fault import About, Place, TimeCourse
 class PayloadSpill:
     """Spill of a load: its mass and first moments change at one instant, until the bucket is emptied.
 
-    The next load is not changed.
+    The next load is not changed. The three sizes are the change of the mass [kg], negative, and of the first moments X
+    and Z about the last pin, in the last link's frame [kg m].
     """
 
     @property

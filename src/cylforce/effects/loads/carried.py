@@ -10,11 +10,11 @@ RAMP = 0.35  # s in which the teeth enter and leave the soil; chosen
 
 
 class CarriedLoad(NamedTuple):
-    """Load at T instants.
+    """Load in the bucket at T instants.
 
     mass:    (T,) [kg]
     centre:  (T, 2) = (x, z) [m] in the last link's frame
-    inertia: (T,) about the last pin [kg m^2]
+    inertia: (T,) moment of inertia about the last pin [kg m^2]
     """
 
     mass: Array
@@ -23,8 +23,8 @@ class CarriedLoad(NamedTuple):
 
 
 def smooth(t: Array, start: float, stop: float) -> Array:
-    """Return the transition (T,) at times t (T,) [s]: 0 before `start`, 1 after `stop`, a minimum-jerk polynomial
-    between.
+    """Return the transition (T,) at times t (T,) [s]: 0 before `start` [s], 1 after `stop` [s], a minimum-jerk
+    polynomial between.
     """
     u = np.clip((t - start) / (stop - start), 0.0, 1.0)
     return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))

@@ -35,11 +35,14 @@ class CylinderWeight:
     depends_on: ClassVar[tuple[str, ...]] = ("a", "q", "qd", "g", "slew", "length", "lever")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Return the first moment w [kg m] of every cylinder that a link carries."""
+        """Return the parameters: the first moment w [kg m] of each of the K cylinders whose foot is on a link."""
         return tuple(Parameter(f"{c.name}.cylinder", "kg m") for c in machine.carried)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the momentum and static columns (..., N, K) of K cylinders; zero where a linkage cannot be closed."""
+        """Return the momentum [N m s] and static columns [N m] (..., N, K) per kg m of w of K cylinders.
+
+        They are in joint torques, and zero where a linkage cannot be closed.
+        """
         at, up = link_motion(machine, moving), gravity_factor(moving)
         with np.errstate(divide="ignore", invalid="ignore"):
             columns = [_column(machine, moving, at, up, cylinder) for cylinder in machine.carried]
@@ -50,6 +53,8 @@ class CylinderWeight:
 
 def _column(machine: Machine, moving: Motion, at: LinkMotion, up: Vector, cylinder: Cylinder) -> list[list[Number]]:
     """Return the momentum and static column of one cylinder, both by joints (N), each a number or an array (...).
+
+    They are [N m s] and [N m] per kg m of the cylinder's first moment w.
 
     at: motion of the links
     up: gravity and acceleration that act on a mass (`gravity_factor`)

@@ -39,9 +39,11 @@ class ExtraMass:
         return (500.0, 60.0, 60.0, 300.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Return the change (3N, 4) of (J, X, Z) of all links per unit of each size of link `where`.
+        """Return the change (3N, 4) of (J, X, Z) [kg m^2, kg m, kg m] of all links per unit of each size.
 
-        The sizes are a mass at its centre of gravity, two first moments about that point, and the inertia.
+        The sizes are a mass [kg] at the centre of gravity of link `where`, two first moments about that point along the
+        link's x and z axes [kg m], and a change of J of this link [kg m^2], which includes that of the first moments.
+        The rows are J, X, Z link by link; a mass is also in J and X of the links before.
         """
         link, columns = machine.links[where], np.zeros((machine.size, 3, 4))
         for i in range(where):

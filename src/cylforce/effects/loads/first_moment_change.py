@@ -39,7 +39,10 @@ class FirstMomentChange:
         return (1000.0, 1000.0, 3000.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Return the change (3N, 3) of (J, X, Z) of all links per unit of X, Z and J of link `where`."""
+        """Return the change (3N, 3) of (J, X, Z) of all links per unit of X, Z and J of link `where`.
+
+        The rows are J [kg m^2], X, Z [kg m] link by link. No other link's parameters change.
+        """
         columns = np.zeros((machine.size, 3, 3))
         columns[where, 1, 0] = columns[where, 2, 1] = columns[where, 0, 2] = 1.0
         return columns.reshape(3 * machine.size, 3)

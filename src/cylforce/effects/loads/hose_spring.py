@@ -46,7 +46,10 @@ class HoseSpring:
         return (ShapeRange("rest", 0.0, 1.0),)
 
     def torque(self, machine: Machine, moving: Motion, t: Array, where: int) -> Array:
-        """Return the torques (T, N) [N m] of the cylinders per N m/rad of k: x, or x (x / h)^2, at joint `where`."""
+        """Return the additional torques (T, N) [N m] of the cylinders per N m/rad of k.
+
+        They are x [rad], or x (x / h)^2, at joint `where`, zero at the others.
+        """
         link = machine.links[where]
         half = 0.5 * (link.angle_high - link.angle_low)
         x = np.diff(moving.a, axis=-1, prepend=0.0)[:, where] - link.angle_low - 2.0 * half * self.rest

@@ -8,7 +8,7 @@ from cylforce.effects.fault import About, Place, ShapeRange
 from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 
-USUAL = 600.0  # s after which the mass is `size`
+STATED_TIME = 600.0  # s after the start of the recording, when the mass is `size`
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +53,10 @@ class Mud:
         return (200.0, 60.0, 60.0)
 
     def change(self, machine: Machine, where: int) -> Array:
-        """Return the change (3N, 3) of (J, X, Z) of all links per unit of each size of link `where`.
+        """Return the change (3N, 3) of (J, X, Z) [kg m^2, kg m, kg m] of all links per unit of each size.
 
-        The sizes are a mass at its centre of gravity and two first moments about that point.
+        The sizes are a mass [kg] at the centre of gravity of link `where` and two first moments about that point, along
+        the link's x and z axes [kg m]. The rows are J, X, Z link by link; a mass is also in J and X of links before.
         """
         link, columns = machine.links[where], np.zeros((machine.size, 3, 3))
         for i in range(where):
@@ -65,9 +66,10 @@ class Mud:
         return columns.reshape(3 * machine.size, 3)
 
     def grown(self, t: Array) -> Array:
-        """Return the share of that mass at times t (T,) [s]: t / 600 s, or (1 - exp(-slowing t)) / (1 - exp(-slowing
-        600 s)).
+        """Return the share (T,) of the sizes that is present at times t (T,) [s] since the start of the recording.
+
+        It is t / 600 s, or (1 - exp(-slowing t)) / (1 - exp(-slowing 600 s)), and exceeds 1 after ten minutes.
         """
         if not self.slowing:
-            return np.asarray(t / USUAL)
-        return np.asarray(np.expm1(-self.slowing * t) / np.expm1(-self.slowing * USUAL))
+            return np.asarray(t / STATED_TIME)
+        return np.asarray(np.expm1(-self.slowing * t) / np.expm1(-self.slowing * STATED_TIME))

@@ -22,14 +22,15 @@ class Rigid:
     depends_on: ClassVar[tuple[str, ...]] = ("q", "qd", "g")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Return J [kg m^2], X and Z [kg m] of every link, house outwards."""
+        """Return the 3N parameters: J [kg m^2], X and Z [kg m] of every link, house outwards."""
         units = (("J", "kg m^2"), ("X", "kg m"), ("Z", "kg m"))
         return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Return the momentum [N m s] and static columns [N m], each (..., N, 3N), in joint torques.
 
-        They are per unit of J, X and Z, link by link.
+        They are per unit of J, X and Z, link by link. Joint torques are sums of the class's terms, tau_j = sum_{k>=j}
+        Q_k.
         """
         n, turn, qd = machine.size, np.exp(1j * moving.q), moving.qd
         outer = turn[..., None, :] * np.conj(turn)[..., :, None]  # [j, k] = exp(i (q_k - q_j))

@@ -35,12 +35,13 @@ class RockerWeight:
     depends_on: ClassVar[tuple[str, ...]] = ("a", "q", "qd", "g", "slew", "length", "lever")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Return the first moment w [kg m] of every four-bar linkage."""
+        """Return the parameters: the first moment w [kg m] of the bars of each of the K four-bar linkages."""
         return tuple(Parameter(f"{name}.rocker", "kg m") for name in machine.four_bars)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the momentum and static columns (..., N, K) of K four-bar linkages; zero where a linkage cannot be
-        closed.
+        """Return the momentum [N m s] and static columns [N m] (..., N, K) per kg m of w of K four-bar linkages.
+
+        They are in joint torques, and zero where a linkage cannot be closed.
         """
         at, up = link_motion(machine, moving), gravity_factor(moving)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -53,7 +54,7 @@ class RockerWeight:
 def _column(machine: Machine, moving: Motion, at: LinkMotion, up: Vector, bar: FourBar) -> list[list[Number]]:
     """Return the momentum and static column of one linkage, both by joints (N), each a number or an array (...).
 
-    They are per kg m of the bars' first moment.
+    They are [N m s] and [N m] per kg m of the bars' first moment w.
 
     at: motion of the links
     up: gravity and acceleration that act on a mass (`gravity_factor`)

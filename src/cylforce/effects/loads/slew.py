@@ -25,14 +25,14 @@ class Slew:
     depends_on: ClassVar[tuple[str, ...]] = ("a", "slew")
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Return J [kg m^2], X, Z [kg m], D_excess and E [kg m^2] of every link, house outwards."""
+        """Return the 5N parameters: J [kg m^2], X, Z [kg m], D_excess and E [kg m^2] of every link, house outwards."""
         units = (("J", "kg m^2"), ("X", "kg m"), ("Z", "kg m"), ("D_excess", "kg m^2"), ("E", "kg m^2"))
         return tuple(Parameter(f"{link.name}.{symbol}", unit) for link in machine.links for symbol, unit in units)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
         """Return the static columns (..., N, 5N) in joint torques, those of J, X, Z, D_excess and E link by link.
 
-        They are [N m] per unit of each parameter.
+        They are [N m] per unit of each parameter, Omega^2 included.
         """
         n, lengths, turn = machine.size, machine.lengths, np.exp(1j * moving.a)
         rho = machine.slew_axis + (lengths * turn.real) @ machine.outward
@@ -76,7 +76,8 @@ class Slew:
 
 
 def slew_parameters(links: tuple[Link, ...]) -> Array:
-    """Return (D_excess, E) (N, 2) [kg m^2] from the data sheet's masses: D - J = -2 Z^2/m = -2 m cz^2, E = (X - mu l) Z
-    / m = m cx cz (mechanics/README.md, section 4).
+    """Return (D_excess, E) (N, 2) [kg m^2] of each link by the data sheet's masses.
+
+    D - J = -2 Z^2/m = -2 m cz^2, E = (X - mu l) Z / m = m cx cz (mechanics/README.md, section 4).
     """
     return np.array([(-2.0 * k.mass * k.cz**2, k.mass * k.cx * k.cz) for k in links])

@@ -14,15 +14,18 @@ from cylforce.signals.estimate import Array
 
 @dataclass(frozen=True, slots=True)
 class TipForce:
-    """A force (x forward, z truly vertical) at the tooth line and a moment on the last link."""
+    """A force (x truly horizontal forward, z truly vertical up) at the tooth line and a moment on the last link.
+
+    Both are those of the outside world on the tool; the moment is positive from x towards z.
+    """
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Return x, z [N] and moment [N m]."""
+        """Return the three parameters: force x, z [N] and moment [N m]."""
         return (Parameter("tip.x", "N"), Parameter("tip.z", "N"), Parameter("tip.moment", "N m"))
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the static columns (..., N, 3): the joint torques that the cylinders supply against x, z and the
-        moment.
+        """Return the static columns (..., N, 3) [N m]: the joint torques that the cylinders supply against x, z and the
+        moment, per newton of x, newton of z and newton metre.
         """
         # in axes of the true horizontal; the vector from joint j to the tool is the sum of the arms from j outwards
         beyond = (np.exp(1j * moving.q) * machine.arms) @ machine.sum_outward.T
@@ -56,5 +59,8 @@ class TipForce:
 
 
 def tip_torque(machine: Machine, moving: Motion, force: Array) -> Array:
-    """Return the joint torques (T, N) [N m] that balance a force (T, 2) [N] (x forward, z up) on the teeth."""
+    """Return the joint torques (T, N) [N m] that the cylinders supply against a force on the teeth.
+
+    force: (T, 2) [N] of the outside world on the tool, x truly horizontal forward, z truly vertical up
+    """
     return np.asarray((TipForce().halves(machine, moving).static[..., :2] @ force[..., None])[..., 0])

@@ -25,7 +25,7 @@ class AngleOffset:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with `size` added to signal `where`."""
+        """Return the signals (T, S) with `size` added to signal `where`, an angle [rad] or a length [m]."""
         found = values.copy()
         found[:, where] += size
         return found

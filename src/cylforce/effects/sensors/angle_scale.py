@@ -37,7 +37,12 @@ class AngleScale:
         return (ShapeRange("right", 0.0, 1.0),)
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with angle [rad] or length [m] `where` changed to a + size (a - a_0)."""
+        """Return the signals (T, S) with signal `where`, an angle a [rad] or length a [m], changed to
+        a + size (a - a_0).
+
+        values: (T, S) signals without the error [SI]
+        size:   relative error of the scale [1]
+        """
         found, (low, high) = values.copy(), _range(machine, where)
         found[:, where] += size * (values[:, where] - low - self.right * (high - low))
         return found
@@ -46,7 +51,8 @@ class AngleScale:
 def _range(machine: Machine, where: int) -> tuple[float, float]:
     """Return the lowest and highest value of an angle [rad] or length sensor [m].
 
-    They are the ends of its joint's or cylinder's range, else of its own range.
+    They are the ends of its joint's range (encoder) or of its cylinder's stroke (length sensor), else the limits within
+    which the sensor's readings are accepted (inclinometer).
 
     where: number of the signal
     """

@@ -20,11 +20,11 @@ class Delay:
     """
 
     def parameters(self, machine: Machine) -> tuple[Parameter, ...]:
-        """Return the delay [s] of the posture behind the force, one per cylinder."""
+        """Return the parameters: the delay [s] of the posture behind the force of each of C cylinders."""
         return tuple(Parameter(f"{c.name}.delay", "s") for c in machine.cylinders)
 
     def halves(self, machine: Machine, moving: Motion) -> Halves:
-        """Return the static columns (..., N, C) [N m/s]: dF/dt times the lever."""
+        """Return the static columns (..., N, C) [N m per s of delay]: dF/dt times the lever."""
         return Halves(None, np.swapaxes(moving.force_rate[..., None] * moving.lever, -1, -2))
 
     @property
@@ -42,7 +42,12 @@ class Delay:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with signal `where` delayed by `size` [s], linear between samples."""
+        """Return the signals (T, S) with signal `where` delayed by `size` [s], linear between samples.
+
+        Before the first sample the signal is taken as constant, with a negative size after the last one.
+
+        t: (T,) time, ascending [s]
+        """
         found = values.copy()
         found[:, where] = np.interp(t - size, t, values[:, where])
         return found

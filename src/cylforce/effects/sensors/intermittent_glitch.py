@@ -12,22 +12,24 @@ from cylforce.signals.estimate import Array
 
 LONGEST = 0.35  # s: a jump that lasts longer is no glitch; chosen
 EDGE = 0.5  # share of a jump that happens between two samples: a joint or a pressure takes longer; chosen
-USUAL, CLEAR = 98.0, 2.0  # per cent of all steps from sample to sample; factor by which a jump exceeds them; chosen
+# percentile of all steps from sample to sample, up to which they are those of motion; a step of more than CLEAR times
+# that percentile may begin a jump; chosen
+ORDINARY, CLEAR = 98.0, 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class IntermittentGlitch:
-    """Sensor whose reading jumps by size times its range, up or down.
+    """Sensor whose reading jumps by size times the range in which its values are accepted, up or down.
 
     It jumps once at a random instant of each stretch of `every` seconds, for `shortest` to `longest` seconds. The
     instants are those of the `seed`, unless `jumps` is given. A diagnosis finds the jumps in the readings (`glitches`)
     and gives them as `jumps`: begin [s], duration [s] and direction (1 or -1) of each, one after the other.
     """
 
-    every: float = 6.0  # s
-    shortest: float = 0.05  # s
-    longest: float = 0.3  # s
-    seed: int = 0  # of the random instants
+    every: float = 6.0  # s, length of the stretches, each with one jump
+    shortest: float = 0.05  # s, least duration of a jump
+    longest: float = 0.3  # s, greatest duration of a jump
+    seed: int = 0  # of the random instants, durations and directions
     jumps: tuple[float, ...] = ()  # begin [s], duration [s] and direction of each jump; empty: random ones
 
     @property
@@ -56,7 +58,10 @@ class IntermittentGlitch:
         return found
 
     def _when(self, t: Array) -> Iterator[tuple[float, float, float]]:
-        """Yield begin [s], duration [s] and direction (1 or -1) of every jump within times t (T,) [s]."""
+        """Yield begin [s], duration [s] and direction (1 or -1) of every jump within times t (T,) [s].
+
+        Given `jumps` are all yielded, whether within these times or not.
+        """
         if self.jumps:
             yield from zip(self.jumps[::3], self.jumps[1::3], self.jumps[2::3], strict=True)
             return
@@ -67,17 +72,22 @@ class IntermittentGlitch:
 
 
 def glitches(reading: Array, dt: float) -> NDArray[np.bool_]:
-    """Return the samples (T,) of one sensor, `dt` [s] apart, that belong to jumps.
+    """Return for each sample (T,) of one sensor whether it belongs to a jump (True).
 
-    They differ from the running median, and their first and last steps are larger than those of any motion. A pressure
-    may jump on a healthy machine: compare it with the references.
+    A jump begins with a step of more than CLEAR times the percentile ORDINARY of all steps, and ends within LONGEST
+    with a step back of more than EDGE of its first step. All its samples differ from the running median of twice
+    LONGEST, in its direction, by more than EDGE of the first step. A pressure may jump on a healthy machine: compare it
+    with the references.
+
+    reading: (T,) readings, in any unit
+    dt:      time between samples [s]
     """
     from scipy.ndimage import median_filter  # not needed by who reads results of recordings
 
     window = round(LONGEST / dt)
     off = reading - median_filter(reading, 2 * window + 1, mode="nearest")
     step = np.diff(reading, prepend=reading[0])
-    clear = CLEAR * float(np.percentile(np.abs(step), USUAL)) + 1e-12
+    clear = CLEAR * float(np.percentile(np.abs(step), ORDINARY)) + 1e-12
     found = np.zeros(len(reading), dtype=bool)
     for k in np.flatnonzero(np.abs(step) > clear).tolist():
         height = EDGE * step[k]

@@ -25,7 +25,7 @@ class PressureGain:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with signal `where` multiplied by 1 + size."""
+        """Return the signals (T, S) with signal `where`, a pressure or a force pin, multiplied by 1 + size."""
         found = values.copy()
         found[:, where] *= 1.0 + size
         return found

@@ -26,7 +26,7 @@ class PressureOffset:
         )
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with `size` added to signal `where`."""
+        """Return the signals (T, S) with `size` added to signal `where`: a pressure [Pa] or a force pin [N]."""
         found = values.copy()
         found[:, where] += size
         return found

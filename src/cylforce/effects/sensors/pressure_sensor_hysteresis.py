@@ -9,7 +9,7 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.recurrence import clipped, followed
 
-STILL = 0.1  # share of the play by which a reading moves at least, and not by noise alone; chosen
+STILL = 0.1  # share of the loop's width: a reading that has moved by less may have done so by noise alone; chosen
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +46,14 @@ class PressureSensorHysteresis:
         return (ShapeRange("opening", 3e5, 100e5, log=True),) if self.opening else ()
 
     def distorted(self, machine: Machine, values: Array, t: Array, where: int, size: float) -> Array:
-        """Return the signals (T, S) with pressure `where` [Pa] changed to p - error.
+        """Return the signals (T, S) with pressure `where` [Pa] changed to p - size/2 b.
 
-        A negative size removes the error from a reading.
+        b is the branch on which the sensor reads: 1 while the pressure rises, -1 while it falls. A negative size
+        removes the error from a reading.
 
-        t:    (T,) time, evenly spaced [s]
-        size: width of the loop [Pa]
+        values: (T, S) signals [SI]: true values, or, with a negative size, readings
+        t:      (T,) time, evenly spaced [s]
+        size:   width of the loop [Pa]
         """
         from scipy.ndimage import uniform_filter1d  # not needed by who reads results of recordings
 

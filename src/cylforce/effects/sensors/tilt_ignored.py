@@ -41,7 +41,7 @@ class TiltIgnored:
         sensor.
 
         values: (T, S) signals without the error [SI]
-        t:      (T,) time [s]
+        t:      (T,) time since the start of the recording [s]
         size:   slope of the ground [rad]
         """
         columns = {s.kind: k for k, s in enumerate(machine.signals)}
