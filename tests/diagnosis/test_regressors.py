@@ -8,7 +8,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from cylforce.diagnosis.model import ColumnLayout, fitted_parameters
+from cylforce.diagnosis.model import NOISE_S, ColumnLayout, fitted_parameters
 from cylforce.diagnosis.regressors import Regressors, courses
 from cylforce.effects.fault import SHAPES, Alteration, Distortion, TimeCourse
 from cylforce.effects.friction.presliding_hysteresis import PreslidingHysteresis
@@ -333,3 +333,13 @@ def test_friction_at_creep_differs_from_friction_that_builds_up_after_a_reversal
     rest /= np.linalg.norm(rest, axis=0)
     cosines = (rest.T @ rest)[: len(laws), len(laws) :]
     assert np.all((cosines > -0.8) & (cosines < 0.5)), cosines
+
+
+def test_the_columns_of_a_loaded_recording_are_those_of_its_first_two_minutes():
+    """Its load was fitted to other rows than that of its beginning: the difference was taken for sensor noise."""
+    whole = recorded(3, noise=False, seconds=150.0, load_kg=LOAD_KG)
+    begun = replace(whole, values=whole.values[: round(NOISE_S * RATE_HZ)])
+    errors = tuple(p for p in proposals(MACHINE) if p.name in ("angle_offset", "pressure_gain"))
+    long, short = (regressors().rows(each, errors).effects for each in (whole, begun))
+    assert len(short) > 1000
+    np.testing.assert_array_equal(long[: len(short)], short)

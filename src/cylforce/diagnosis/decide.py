@@ -331,9 +331,8 @@ class FreeEvidence:
         """Return whether parameters other than the references' are the likeliest explanation.
 
         They compete with all hypotheses as one more name. Their prior is the data sheet's: many free parameters cost
-        evidence, so that a single effect with the same residual is likelier. If the parameters of one link explain the
-        recordings better than those of all, this machine changed there, and it is no other machine. A simulation is no
-        earlier state of the machine: an effect that changes its masses or friction is an error of its parameters.
+        evidence, so that a single effect with the same residual is likelier. A simulation is no earlier state of the
+        machine: an effect that changes its masses or friction is an error of its parameters.
         known: hypotheses with the parameters from the references
         """
         strength = min(known.strength, self.strength)
@@ -342,8 +341,6 @@ class FreeEvidence:
         own = [c for c in known.candidates if not (simulated and c.changes_parameters)]
         as_known = [strength * c.log + known.prior_of(c) for c in own]
         as_known += [strength * i.log + known.prior_of_incident(i) for i in known.incidents]
-        if not simulated:
-            as_known.append(name + strength * known.found.question.log_of_one_changed_link)
         return name + float(np.max(strength * self.logs + self.priors)) > max(as_known)
 
 

@@ -5,7 +5,6 @@ sheet are four sources of the same object. It holds parameters and columns with 
 the level of the model discrepancy, the run-to-run variation, and the sensor noise of a healthy machine.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -51,7 +50,6 @@ FOLDS = 4  # parts of the references, each predicted from the others
 FRICTION_MAGNITUDES = ("coulomb", "viscous", "load_dependent")  # laws with one magnitude for both directions
 FIRST_GUESS = 0.1  # of the torque's rms: noise in the first round
 NOISE_S = 120.0  # s of each recording on which shared sensor noise is simulated
-NOISE_OF_STRETCH_S = 20.0  # s of each of its stretches, at least: seven blocks
 STEADY_BASE = 5e-4  # rad/s, rms: apparent rate of a base at rest; physics: noise of inclinometers, filtered
 FEWEST_REFERENCES = 2  # recordings, from which on the run-to-run variation is learnt
 VARIATION_TIMES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # factors on the stated variation; a factor of two is one sigma
@@ -463,14 +461,10 @@ def _padded(noise: SharedNoise, own: int, more: int, joints: int) -> SharedNoise
 def noisy_twins(
     recordings: Sequence[Recording], regressors: Regressors, sensor_noise: Array, rng: np.random.Generator
 ) -> list[Recording]:
-    """Return the beginning of each stretch with the sensors' noise (S,) added once more.
-
-    The stretches of one recording have NOISE_S in all, and each NOISE_OF_STRETCH_S or more.
-    """
-    stretches, found = Counter(each.name for each in recordings), []
+    """Return the first NOISE_S of each recording with the sensors' noise (S,) added once more."""
+    found = []
     for each in recordings:
-        seconds = max(NOISE_S / stretches[each.name], NOISE_OF_STRETCH_S)
-        values = each.values[: round(seconds * regressors.model.filters.rate_hz)]
+        values = each.values[: round(NOISE_S * regressors.model.filters.rate_hz)]
         found.append(replace(each, values=values + sensor_noise * rng.standard_normal(values.shape)))
     return found
 

@@ -79,6 +79,7 @@ TYPICAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(share * size for share in COURSE 
 FREE_TORQUE = 5e3
 DEAD_SLEW = 0.01  # rad/s, below which a slew sensor may be dead
 LATE_STEP = 0.01  # s, of the difference quotient by the clock
+LOAD_S = 100.0  # s of a recording, to which the centre of a known load is fitted; chosen, below NOISE_S
 LIGHTEST = 1e-9  # kg: replaces a mass of zero in a quotient
 
 
@@ -324,10 +325,13 @@ class Regressors:
     def _carried(self, load_kg: float, base: Array, residual: Array) -> Array:
         """Return the contribution of a known load to the parameters (P,): errors of sensors depend on it.
 
-        Its first moments and inertia are fitted to the residual (T, R), each row weighted by its rms.
+        Its first moments and inertia are fitted to the first LOAD_S of the residual (T, R), each row weighted by its
+        rms: to the same time in a recording and in its beginning with more sensor noise.
         """
         if not load_kg:
             return np.zeros_like(self.parameters)
+        count = round(LOAD_S * self.rows_hz)
+        base, residual = base[:count], residual[:count]
         columns, good = base @ self.model.load, np.isfinite(residual)
         energy = np.sum(np.where(good, residual, 0.0) ** 2, axis=0)
         scale = np.sqrt(energy / np.maximum(np.sum(good, axis=0), 1)) + 1e-9

@@ -65,7 +65,6 @@ from cylforce.effects.fault import BEYOND, INCIDENTAL, Place, TimeCourse, shaped
 from cylforce.effects.imposed import Imposed
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Group, Proposal
-from cylforce.effects.loads.extra_mass import ExtraMass
 from cylforce.effects.loads.tip_force import TipForce
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import Model
@@ -376,27 +375,6 @@ class FieldQuestion:
             change = self.temperature_change.padded(more)
             change = replace(change, friction=None) if self.same_oil else change
         return MachineKnowledge(np.append(own.mean, pad), covariance, np.append(own.variation, pad), own.noise, change)
-
-    @cached_property
-    def log_of_one_changed_link(self) -> float:
-        """Log probability that only the masses of one link and the friction of its cylinders changed, the likeliest.
-
-        They are as uncertain as in the data sheet. Each link is as probable as another one.
-        """
-        case, model = self.likelihood(), self.machine.regressors.model
-        machine, unit, logs = model.machine, self.machine.layout.unit[: len(model.parameters)], list[float]()
-        for j in range(machine.size):
-            masses = ExtraMass().change(machine, j) * np.array(ExtraMass().typical)
-            moved = np.pad(masses, ((0, len(unit) - len(masses)), (0, 0))) / unit[:, None]
-            own = [c.name for c, span in zip(machine.cylinders, machine.spans, strict=True) if max(span) == j]
-            friction = enumerate(model.parameters[len(masses) :], len(masses))
-            rubs = [k for k, p in friction if p.name.rpartition(".")[0] in own]
-            covariance = case.machine.covariance.copy()
-            covariance[: len(unit), : len(unit)] += moved @ moved.T
-            covariance[rubs, rubs] += 1.0
-            changed = replace(case, machine=replace(case.machine, covariance=covariance))
-            logs.append(changed.likeliest((), changed.machine.noise).log)
-        return max(logs) - float(np.log(machine.size))
 
     @cached_property
     def temperature_change(self) -> TemperatureChange:
