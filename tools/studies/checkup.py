@@ -154,8 +154,11 @@ class Case:
         return float(np.max(np.sqrt(np.nanmean(found.difference**2, axis=0)) / found.level))
 
 
-def closed_loop(wanted: Order) -> ClosedLoop:
-    """Diagnose a machine, and record what is recommended, until it is decided or MOTIONS are recorded."""
+def closed_loop(wanted: Order, floors: float) -> ClosedLoop:
+    """Diagnose a machine, and record what is recommended, until it is decided or MOTIONS are recorded.
+
+    floors: of its effects in the first recording (`Case.floors`)
+    """
     case = Case.of(wanted)
     site = case.site
     with TemporaryDirectory() as name:
@@ -178,7 +181,7 @@ def closed_loop(wanted: Order) -> ClosedLoop:
     return ClosedLoop(
         wanted.number,
         ", ".join(_named(key) for key in sorted(truth)),
-        case.floors,
+        floors,
         _named(_first(first)),
         _named(_first(checked)),
         _first(first) in truth,
@@ -233,7 +236,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    orders: list[Order] = []
+    orders, levels = list[Order](), list[float]()
     number = options.first
     while len(orders) < options.cases:
         each, number = order(options.seed, number, development=True), number + 1
@@ -241,11 +244,13 @@ def main() -> None:
         if each.kind not in kinds or each.two_links or not drawn_repertoire(each.machine).references:
             continue
         plain = replace(each, clutter=False)
-        if each.kind == "none" or Case.of(plain).floors >= VISIBLE:
+        floors = Case.of(plain).floors
+        if each.kind == "none" or floors >= VISIBLE:
             orders.append(plain)
+            levels.append(floors)
     with ProcessPoolExecutor(options.workers) as pool:
         found = []
-        for outcome in pool.map(closed_loop, orders):
+        for outcome in pool.map(closed_loop, orders, levels):
             print(outcome, flush=True)
             found.append(outcome)
     console = Console(highlight=False, width=140)
