@@ -131,7 +131,7 @@ def _in_contact(whole: Factors, contacts: Contact, rate_hz: float) -> str:
     seconds = float(np.sum(np.max(whole.samples, axis=1)[blocks])) / rate_hz
     size = 1e-3 * float(np.max(contacts.force[contacts.certain], initial=0.0))
     how = (
-        f"pressed upwards on the tool with up to {size:.0f} kN" if size else "acted that is neither weight nor friction"
+        f"pressed upwards on the tool with up to {size:.1f} kN" if size else "acted that is neither weight nor friction"
     )
     return (
         f"for about {seconds:.0f} s something {how}: keep the tool clear of ground and obstacles, load and drop "

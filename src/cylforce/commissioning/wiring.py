@@ -241,7 +241,10 @@ def _exchanged(model: Model, kept: Array) -> Suspicion | None:
 
 
 def _misfit_of(model: Model, values: Array) -> tuple[float, float]:
-    """Return misfit and number of usable samples of a stretch of samples (T, S) fitted by itself."""
+    """Return misfit and number of fitted rows, of all measured torques together, of a stretch of samples (T, S) [SI].
+
+    It is fitted by itself. Infinite and 0 without a fitted row. Raises TooShortError for a stretch that is too short.
+    """
     data = chosen(observed_factors(model, [values]), list(range(len(model.parameters))))
     samples = np.sum(data.samples, axis=0)
     if not np.any(samples):

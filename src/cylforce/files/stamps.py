@@ -15,11 +15,11 @@ NAMED = 20  # steps of a clock that are reported one by one, the others are coun
 def without_strays(frames: Iterable[Stamped], period_us: int, name: str, report: Report) -> Iterator[Stamped]:
     """Yield the frames without strays, and report how many were omitted.
 
-    A stray is stamped more than `period_us` from the frame before it and from the frame after it, which is nearer to
-    the frame before. Several strays may follow each other. A smaller error moves a frame by less than a sample. Where
-    an identifier repeats before the frames continue at the old time, they are no strays: the clock was set, or the bus
-    was silent. At the recording's end such frames are strays only if they are stamped earlier than the frame before
-    them.
+    A stray is stamped more than `period_us` from the frame before it and from the frame after it; the frame after it is
+    nearer to the frame before it than to the stray. Several strays may follow each other. A smaller error moves a frame
+    by less than a sample. Where an identifier repeats before the frames continue at the old time, they are no strays:
+    the clock was set, or the bus was silent. At the recording's end such frames are strays only if they are stamped
+    earlier than the frame before them.
 
     period_us: period of the service's steps [us]
     name: name of the recording in a report

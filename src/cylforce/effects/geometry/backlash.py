@@ -72,7 +72,11 @@ class Backlash:
         """Return the torque (T,) [N m] that decides on which side of the play the joint lies.
 
         It is the torque that carries and moves the outer links, by the data sheet's masses; with `pushed` that of the
-        measured cylinder forces, smoothed over SMOOTHING.
+        measured cylinder forces, after a first-order lag of SMOOTHING [s].
+
+        values: (T, S) of all signals [SI]
+        t:      (T,) times, evenly spaced [s]
+        where:  number of the joint
         """
         if self.pushed:
             return followed(np.nan_to_num(measured_torque(machine, values, where)), t, SMOOTHING)

@@ -118,7 +118,8 @@ def load_at_drift(s: KernelSolver, lift: Numbers, drift: Numbers, load: Numbers)
     drift: (D,) present changes of frictions [N, N s/m] and pressure zeros [N]
 
     Written:
-    load:  (8,) the load (m, m x, m z, J) [kg, kg m, kg m, kg m^2]; then G drift (4,)
+    load:  (8,) the load (m, m x, m z, J about the last pin) [kg, kg m, kg m, kg m^2]; then G drift (4,), in the inverse
+           of these units
     """
     size, by_drift = s.p + s.d, 4
     for i in range(4):
