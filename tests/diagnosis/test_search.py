@@ -36,7 +36,7 @@ OFFSET = effect("angle_offset", "stick_angle", 0.02)
 def likeliest(rows):
     """Return the likeliest answer for synthetic rows."""
     case = synthetic.likelihood(rows)
-    question = SimpleNamespace(incident_places={}, forms=synthetic.FORMS, laid=None)
+    question = SimpleNamespace(incident_forms={}, forms=synthetic.FORMS, laid=None)
     found = [Candidate(h, question) for h in searched(case, range(2))]
     gap = case.rests(np.append(-case.machine.mean, 1.0))
     return HypothesisEvidence(Found(question, case, tuple(found), (), gap)).first

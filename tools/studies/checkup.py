@@ -1,6 +1,6 @@
 """Closed loop: a machine of the trial with a hidden effect, a first recording, then up to two recommended motions.
 
-Effects count that the first recording shows: 2.5 noise floors at a joint.
+Only effects that the first recording shows are counted: they add 2.5 noise floors at a joint.
 
 How many machines are decided, rightly or wrongly, and does a right answer stay right? Machine and effect are the same
 in all recordings. A motion is what `cylforce checkup` recommends: joint angles over time, which the pumps and valves of

@@ -52,7 +52,7 @@ class Stroke(NamedTuple):
 def clear_range(machine: Machine) -> Array:
     """Return the range (N, 2) [rad] of every angle of `drive` in which a commissioning moves.
 
-    These are the working ranges. Of the joints that lift all the others it is the upper part only (CLEAR).
+    These are the working ranges. The joints that lift all the others use the upper part only (CLEAR).
     """
     ranges = working_range(machine)
     up = list(lifting(machine))

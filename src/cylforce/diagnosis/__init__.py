@@ -36,7 +36,7 @@ from cylforce.diagnosis.explain import (
     where,
     worst_place,
 )
-from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, noisy_twins, with_noise
+from cylforce.diagnosis.model import HealthyMachine, KnowledgeSource, fitted_parameters, noisy_twin, with_noise
 from cylforce.diagnosis.model import identified as model_identified
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.search import (
@@ -128,7 +128,7 @@ def question_of(
     parallel_map: maps a function, perhaps in parallel
     """
     own, layout = machine.regressors, machine.layout
-    twins = noisy_twins(recordings, own, machine.sensor_noise, rng)
+    twins = [noisy_twin(each, own, machine.sensor_noise, rng) for each in recordings]
     rows = parallel_map(lambda each: own.rows(each, layout.proposals), [*recordings, *twins])
     rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
     seen = [with_noise(layout, machine.floor, *each) for each in zip(recordings, rows, twins, noisy, strict=True)]

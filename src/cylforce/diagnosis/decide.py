@@ -96,11 +96,11 @@ class HypothesisEvidence:
         """Number of effect names that share the prior of the library; it depends on the question.
 
         All names with a form count, also of forms that the search does not try, and loads that spill or shift. Jumps
-        count only if a reading jumps. Contact and slewing count except in working recordings, where they are certain.
+        count only if a reading jumps. Contact and slewing count, but not in working recordings, where they are certain.
         """
         names = {f.name for f in self.found.question.forms} | {i.key[0] for i in self.found.incidents}
         if self.found.work is None:
-            names |= self.found.question.incident_places.keys()
+            names |= self.found.question.incident_forms.keys()
         return len(names - {UNKNOWN[0]})
 
     @cached_property
@@ -149,7 +149,7 @@ class HypothesisEvidence:
         name = self._log_prior_of_name
         if isinstance(i, Spill):  # evidence of each load by itself, but a model error of the work is common to them
             return name + effective_share(i.rest) * i.odds
-        return name - float(np.log(self.found.question.incident_places[i.key[0]]))
+        return name - float(np.log(self.found.question.incident_forms[i.key[0]]))
 
     # Posterior
 
@@ -194,9 +194,10 @@ class HypothesisEvidence:
     def lawful(self, c: Candidate) -> float:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
 
-        A healthy residual also leaves no gap, or only the error of a law. This does not hold at work, whose model error
-        references do not show. The probability is 1 for effects that leave at most one noise floor, whatever the noise:
-        a cause that the library lacks, but that looks like one of its effects, counts as that effect.
+        A residual is healthy only if it leaves no gap, or no more than the error of a law. This does not hold at work,
+        whose model error references do not show. The probability is 1 for effects that leave at most one noise floor,
+        whatever the noise: a cause that the library lacks, but that looks like one of its effects, counts as that
+        effect.
         """
         healthy, left = self.usual(c.hypothesis), max(c.rest**2 - 1.0, 0.0)
         if self.found.work is None and left > SAME_MACHINE:
@@ -204,7 +205,10 @@ class HypothesisEvidence:
         return healthy + (1.0 - healthy) * self._error_of_law(left) if c.hypothesis.forms else healthy
 
     def _error_of_law(self, left: float) -> float:
-        """Return the probability that residual energy, in noise floors, is the error of a law that made the gap."""
+        """Return the probability that a residual is the error of a law that made the gap.
+
+        left: its energy beyond the noise floor, in squared floors
+        """
         gap = self.gap**2 - 1.0
         return float(np.exp(-0.5 * left / gap / LAW_ERROR**2)) if gap > 0.0 else 0.0
 

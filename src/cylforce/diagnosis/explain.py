@@ -795,7 +795,7 @@ class Refit:
     def clear(self) -> tuple[ParameterChange, ...]:
         """The changes that add more torque than the fit leaves at any joint; the largest one if there are none.
 
-        Empty if the fit does not reduce the difference: contact or unknown loads do not tell the parameters.
+        Empty if the fit does not reduce the difference, as with contact or unknown loads, which hide the parameters.
         """
         if self.share <= 0.0:
             return ()

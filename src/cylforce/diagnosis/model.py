@@ -369,7 +369,7 @@ def learnt(
     shares:       factors on the healthy spread of effects that are tried
     parallel_map: maps a function, perhaps in parallel
     """
-    twins = noisy_twins(recordings, regressors, sensor_noise, rng)
+    twins = [noisy_twin(each, regressors, sensor_noise, rng) for each in recordings]
     rows = parallel_map(lambda each: regressors.rows(each, proposals), [*recordings, *twins])
     rows, noisy = rows[: len(recordings)], rows[len(recordings) :]
     settle = regressors.slow.settle_steps
@@ -458,15 +458,12 @@ def _padded(noise: SharedNoise, own: int, more: int, joints: int) -> SharedNoise
     return SharedNoise(found, noise.counts)
 
 
-def noisy_twins(
-    recordings: Sequence[Recording], regressors: Regressors, sensor_noise: Array, rng: np.random.Generator
-) -> list[Recording]:
-    """Return the first NOISE_S of each recording with the sensors' noise (S,) added once more."""
-    found = []
-    for each in recordings:
-        values = each.values[: round(NOISE_S * regressors.model.filters.rate_hz)]
-        found.append(replace(each, values=values + sensor_noise * rng.standard_normal(values.shape)))
-    return found
+def noisy_twin(
+    recording: Recording, regressors: Regressors, sensor_noise: Array, rng: np.random.Generator
+) -> Recording:
+    """Return the first NOISE_S of a recording with the sensors' noise (S,) added once more."""
+    values = recording.values[: round(NOISE_S * regressors.model.filters.rate_hz)]
+    return replace(recording, values=values + sensor_noise * rng.standard_normal(values.shape))
 
 
 def with_noise(
@@ -505,8 +502,8 @@ def noise_of_sensors(
 ) -> NoiseFloor:
     """Return the noise of the residual that comes from the sensors' noise alone."""
     changes = []
-    for twin, own in zip(noisy_twins(recordings, regressors, sensor_noise, rng), rows, strict=True):
-        noisy = regressors.rows(twin, ()).residual
+    for recording, own in zip(recordings, rows, strict=True):
+        noisy = regressors.rows(noisy_twin(recording, regressors, sensor_noise, rng), ()).residual
         changes.append(noisy - own.residual[: len(noisy)])
     return NoiseFloor.of(changes)
 

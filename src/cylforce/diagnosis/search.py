@@ -291,8 +291,8 @@ class FieldQuestion:
         return np.asarray(np.maximum(np.array(each), 0.0))
 
     @cached_property
-    def incident_places(self) -> Counter[str]:
-        """Number of places of each incident of single blocks; a free torque is no effect."""
+    def incident_forms(self) -> Counter[str]:
+        """Number of forms of each incident of single blocks, by its name; a free torque is no effect."""
         incidents = (p.name for p in self.machine.layout.proposals if p.course is TimeCourse.WINDOWS)
         return Counter(name for name in incidents if name != UNKNOWN_TORQUE)
 

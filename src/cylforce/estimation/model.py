@@ -216,7 +216,7 @@ class Model:
         """Relative standard error of the torque computed from pressures, by the data sheet.
 
         It combines the piston areas, the gain of the pressure sensors, and the lever with its two pins in mid-range, at
-        the innermost measured joint. Of several cylinders the largest error counts. A recording of the empty machine
+        the innermost measured joint. The largest error of several cylinders counts. A recording of the empty machine
         cannot reduce it; a lift of a known weight can. A cylinder that also acts on a joint beyond does not count,
         unless all do: at a loader's arm only the lift cylinders count, because the lever of the tilt cylinder, and with
         it its torque, may vanish there."""

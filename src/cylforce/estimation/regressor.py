@@ -202,7 +202,7 @@ class FilteredRegressor:
     def _begun(self, static: Array) -> Array:
         """Return the state (3, ...) of the filter `mean` before the first sample `static` (...).
 
-        The input was zero before. Of a step to `static`, the mean of four samples is made 0, 1/3 and 2/3 at the first
+        The input was zero before. The mean of four samples of a step to `static` is made 0, 1/3 and 2/3 at the first
         three outputs, then the whole: so `slope` responds to a momentum that begins to rise evenly with this step."""
         return np.stack([share * static for share in self.shares])
 

@@ -38,8 +38,8 @@ class Residual(NamedTuple):
 def residual(model: Model, tares: Tares, rows: Rows, drift: Array) -> Residual:
     """Return the residual torque r = scale (torque - W Phi - drift) of one instant [N m], with its variances.
 
-    Of the empty machine it is zero but for errors; else it is the torque of a load or of a force at the tool. Several
-    instants may be computed at once, with leading axes.
+    It is zero, but for errors, for the empty machine; else it is the torque of a load or of a force at the tool.
+    Several instants may be computed at once, with leading axes.
 
     tares: Phi (P,), of the model's parameters
     rows:  of the instant: columns (R, K), which begin with W (R, P), and measured torques (R,) [N m]

@@ -202,7 +202,7 @@ def unit_mass_torque(
 
     The torque of joint j that holds and moves the mass is d(momentum)/dt + static torque.
     They are p_j = x_j . v and -d(x_j)/dt . v + g z_j - Omega^2 rho x_j, with v the velocity of the mass, x_j the
-    derivatives of its place by the joints' angles, rho its distance from the slew axis.
+    derivative of its place by the angle of joint j, rho its distance from the slew axis.
 
     at: motion of the mass
     up: `gravity_factor` of the motion

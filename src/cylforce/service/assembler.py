@@ -227,7 +227,7 @@ class Assembler(Estimator):
     def _receive_one_by_one(self, frames: Sequence[Frame], moving: Numbers) -> None:
         """Decode sensors' frames one after the other, because some are shorter or longer than their mapping.
 
-        Of a frame that is too short no value is used; of one that is too long all values are.
+        No value of a frame that is too short is used. All values of a frame that is too long are used.
 
         frames: in the order of their reception
         moving: (S,) not 0 where an equal value means a frozen sensor

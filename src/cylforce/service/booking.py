@@ -95,7 +95,7 @@ class ProbableErrors:
 
     @property
     def expected(self) -> Array:
-        """Root mean square (H,) of each error, with its sign: its size with the probability `off`, else 0."""
+        """Root mean square (H,) of each error: its size with the probability `off`, else 0. It has the error's sign."""
         return np.asarray(sqrt(self.off) * self.sizes)
 
     @property

@@ -206,8 +206,8 @@ class WeighingService(Estimator):
         """Return a service that continues with other tares.
 
         Estimators start anew, as after a restart. A load in the bucket was weighed with the old tares: it is not
-        booked, but reported as missed. Kept are the values of the sensors, the operator's settings (zero, tare, tool,
-        truck), the last booking, the working cycle, the NMT state, and a suspicion of a sensor fault that `stays`.
+        booked, but reported as missed. The values of the sensors, the operator's settings (zero, tare, tool, truck),
+        the last booking, the working cycle, the NMT state, and a suspicion of a sensor fault that `stays` are kept.
 
         core:        constants with the other tares
         unconfirmed: whether the parameters may be another machine's; None: as before

@@ -54,7 +54,7 @@ def block_diagonal(one: Array, other: Array) -> Array:
 def changed_at(marks: Array, now: Array, others: Array, least: float) -> int | None:
     """Return the number of the examination since which a lift has another load than before (spill); None: it has not.
 
-    A change counts if it exceeds `least` and CERTAIN of its standard errors. Of several, the surest one counts.
+    A change counts if it exceeds `least` and CERTAIN of its standard errors. The surest of several changes counts.
 
     marks:  (M, 4, 5 + K) information on the load at each of M earlier examinations, oldest first
     now:    (4, 5 + K) information of the whole lift

@@ -42,7 +42,7 @@ XZ = Annotated[tuple[Coordinate, Coordinate], Field(strict=False)]
 def _rising(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is checked
     """Return a range as a tuple. Raises ValueError unless its first number is the smaller one.
 
-    What is no list of two numbers is returned unchanged, so that pydantic refuses it.
+    Anything but a list of two numbers is returned unchanged, so that pydantic refuses it.
     """
     if isinstance(value, list | tuple) and len(value) == 2 and all(isinstance(v, int | float) for v in value):
         if not value[0] < value[1]:

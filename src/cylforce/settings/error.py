@@ -116,7 +116,7 @@ def sentences(source: Source, faults: Iterable[FaultError]) -> tuple[str, ...]:
 def _with_misspellings_merged(faults: list[FaultError]) -> list[FaultError]:
     """Return the faults, those of a missing key and of an unknown key spelt like it in the same table as one.
 
-    That one is at the unknown key.
+    The merged fault is at the unknown key.
     """
     for lacking in [fault for fault in faults if fault.missing]:
         beside = {str(f.key[-1]): f for f in faults if f.unknown and f.key[:-1] == lacking.key}

@@ -264,7 +264,7 @@ def identified_seal(path: Path) -> Seal | None:
 def _check_numbers(path: Path, file: IdentifiedFile, model: Model) -> None:
     """Raise SettingsError for parameters that are not those of the model, or for impossible numbers.
 
-    Impossible are residuals that are not positive or of another number than the measured joints, a scale beyond
+    Impossible numbers: residuals that are not positive or of another number than the measured joints, a scale beyond
     SOUND_SCALE, a standard error of the scale of 0.1 or more, and a matrix that is no covariance of the parameters.
     """
     size, rows = len(model.parameters), len(model.machine.rows)

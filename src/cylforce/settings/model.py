@@ -24,7 +24,7 @@ TypeName = Literal["i8", "u8", "i16", "u16", "i32", "u32", "f32"]
 def _address(value: Any) -> Any:  # noqa: ANN401 - what TOML gave, before it is checked
     """Return index and sub-index (0 without one) from a text such as "7130h:1". Raises ValueError.
 
-    What is no text is returned unchanged, so that pydantic refuses it.
+    Anything but a text is returned unchanged, so that pydantic refuses it.
     """
     if not isinstance(value, str):
         return value

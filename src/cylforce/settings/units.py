@@ -43,7 +43,7 @@ def file_in_si(raw: Mapping[str, Any], findings: Inspection) -> dict[str, Any]:
 def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
     """Return a sensor's table in SI; one of unknown kind with the range ANY and without the keys that have units.
 
-    What is no table is returned unchanged.
+    Anything but a table is returned unchanged.
     """
     if not isinstance(raw, dict):
         return raw

@@ -42,8 +42,8 @@ def nearest(angle: Array | float, middle: Array | float) -> Array | float:
 def in_range(angle: Array | float, low: Array | float, high: Array | float) -> Array:
     """Return angle + 2 pi k [rad], k whole, from `low` to `high` [rad]; the angle as it is where no k leads there.
 
-    An angle in range is not changed. Of several such k the one that leads nearest to `low` is taken. A result may lie
-    below `low` by ROUNDING turns. The three arguments are broadcast to one array.
+    An angle in range is not changed. Where several such k exist, the one that leads nearest to `low` is taken. A result
+    may lie below `low` by ROUNDING turns. The three arguments are broadcast to one array.
     """
     other = angle - TURN * np.floor((angle - low) / TURN + ROUNDING)
     outside = (angle < low) | (angle > high)

@@ -75,9 +75,9 @@ def glitches(reading: Array, dt: float) -> NDArray[np.bool_]:
     """Return for each sample (T,) of one sensor whether it belongs to a jump (True).
 
     A jump begins with a step of more than CLEAR times the percentile ORDINARY of all steps, and ends within LONGEST
-    with a step back of more than EDGE of its first step. All its samples differ from the running median of twice
-    LONGEST, in its direction, by more than EDGE of the first step. A pressure may jump on a healthy machine: compare it
-    with the references.
+    with a step back of more than EDGE of its first step. All its samples are off the running median, over twice
+    LONGEST, by more than EDGE of the first step and in its direction. A pressure may jump on a healthy machine: compare
+    it with the references.
 
     reading: (T,) readings, in any unit
     dt:      time between samples [s]

@@ -159,9 +159,9 @@ def tool_force(
 def explain_by_weight(s: KernelSolver, force: Numbers) -> None:
     """Compute the weight of the mass in the bucket that explains most of a force, and the clearness of the rest.
 
-    The weight is the w downwards of 0 to `s.heaviest` [N] that minimises (f + w z)' C^-1 (f + w z), with z upwards and
-    C the covariance of the force f. The clearness of a contact is that minimum: the squared distance from zero, in
-    standard errors, of the force without the weight.
+    The weight w, downwards, is that between 0 and `s.heaviest` [N] that minimises (f + w z)' C^-1 (f + w z), with z
+    upwards and C the covariance of the force f. The clearness of a contact is that minimum: the squared distance from
+    zero, in standard errors, of the force without the weight.
 
     Read and written:
     force: (`layout.ForceLayout`) force x, z [N] and its covariance (2, 2) [N^2] are read; weight [N] and clearness are

@@ -72,7 +72,7 @@ def _check_cover(machine: Machine, signal: Signal, key: Key, findings: Inspectio
     """Check that a sensor of angle or length covers the whole range of its joint or cylinder.
 
     Refuses one that covers less than COVERED of it, warns of one whose range ends within it by more than SLACK. A
-    sensor of a whole circle covers every angle. Of an inclinometer there is a warning only.
+    sensor of a whole circle covers every angle. An inclinometer gets a warning only.
     """
     if signal.kind in AT_LINK and is_circle(signal.low, signal.high):
         return

@@ -465,9 +465,9 @@ class PressureStep(Detector):
     def vote(self, block: Block) -> None:
         """Update the votes against the suspicion with a second of motion, and end the suspicion with enough of them.
 
-        Against a suspected step a second votes by twice the log likelihood ratio without and with that step, at most
-        MOST either way. Against any other suspicion (swap, return into the range) each second votes by MOST that a load
-        explains; one that no load explains resets the votes. A step that is not confirmed ends after KEPT_SECONDS
+        A second votes against a suspected step by twice the log likelihood ratio without and with that step, at most
+        MOST either way. A second that a load explains votes against any other suspicion (swap, return into the range)
+        by MOST; one that no load explains resets the votes. A step that is not confirmed ends after KEPT_SECONDS
         seconds of motion, at least VOTES of them in the air. Seconds with samples from before the step have no vote.
 
         block: evidence of the second about the errors of the signals
