@@ -42,9 +42,8 @@ class ExtraMass:
         """Return the change (3N, 4) of (J, X, Z) [kg m^2, kg m, kg m] of all links per unit of each size.
 
         The sizes are a mass [kg] at the centre of gravity of link `where`, two first moments about that point along the
-        link's x and z axes [kg m], and the change of J of this link by
-        these moments and by its inertia [kg m^2].
-        The rows are J, X, Z link by link; a mass is also in J and X of the links before.
+        link's x and z axes [kg m], and the change of J of this link by these moments and
+        by inertia [kg m^2]. The rows are J, X, Z link by link; a mass is also in J and X of the links before.
         """
         link, columns = machine.links[where], np.zeros((machine.size, 3, 4))
         for i in range(where):
