@@ -139,8 +139,16 @@ def compile_kernel(root: Path, into: Path) -> Path:
         # names without folders: they stand in the result, which is to be the same wherever it is built
         for command in ([*cython, "compiled.pyx"], [*compiler, *options, "compiled.c", "-lm", "-o", built]):
             subprocess.run(command, check=True, cwd=name)
-        copy(Path(name) / built, into / f"{built}.new")
-    return (into / f"{built}.new").replace(into / built)
+        new = into / f"{built}.{os.getpid()}"  # another one may compile at the same time
+        copy(Path(name) / built, new)
+    return new.replace(into / built)
+
+
+def compiled_since(root: Path) -> bool:
+    """Whether the source holds a kernel for this computer that is younger than all it was compiled from."""
+    built = root / KERNEL / f"compiled{target().suffix}"
+    of = [root / "hatch_build.py", *(root / KERNEL).glob("*.py")]
+    return built.exists() and all(path.stat().st_mtime <= built.stat().st_mtime for path in of)
 
 
 class KernelHook(BuildHookInterface):
@@ -152,7 +160,8 @@ class KernelHook(BuildHookInterface):
         root = Path(self.root)
         into = root / KERNEL if version == "editable" else Path(mkdtemp())
         try:
-            built = compile_kernel(root, into)
+            there = version == "editable" and compiled_since(root)
+            built = into if there else compile_kernel(root, into)
         except (OSError, subprocess.CalledProcessError) as error:
             self.app.display_warning(f"the kernel is not compiled, the interpreted one will run: {error}")
             return

@@ -67,10 +67,13 @@ use_venv() {
   fi
   say "installing cylforce${extra:+[$extra]} into .venv"
   venv_is_usable || { make_venv; echo "$root" >"$venv/made-for"; }
-  local pip=("$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check -c "$root/requirements.lock")
+  # Bytecode is made of what is imported, and not of all that is installed: a quarter of the installation's time.
+  local pip=("$venv/bin/python" -m pip install -qq --no-input --no-compile --disable-pip-version-check -c "$root/requirements.lock")
   # Some dependencies come as source only; without isolation their build needs setuptools and wheel here.
   "${pip[@]}" cython hatchling setuptools wheel
+  fresh_kernel & # while the dependencies are fetched; the installation's own hook finds it there
   "${pip[@]}" --no-build-isolation -e "$root${extra:+[$extra]}"
+  wait $! # whatever came of it: without a compiler the kernel is interpreted
   echo "$stamp" >"$venv/installed-${extra:-base}"
   say "installed in $((SECONDS - start)) s"
   activate_venv

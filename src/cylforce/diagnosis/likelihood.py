@@ -50,6 +50,8 @@ LEVELS = np.exp(np.arange(np.log(0.05), np.log(300.0), 0.15))  # grid of rho, in
 SCALES = np.exp(np.arange(np.log(0.3), np.log(6.0), 0.03))  # grid of v, in the same units
 RHO, V = (each.ravel() for each in np.meshgrid(LEVELS, SCALES, indexing="ij"))  # all pairs (G,)
 VARIANCE = V**2 + RHO**2 * DECAY[:, None]  # (POLYNOMIALS, G) along each polynomial
+PRECISION, WHITE_PRECISION = 1.0 / VARIANCE, V**-2.0  # (POLYNOMIALS, G) and (G,) their inverses
+LOG_V, LOG_SMOOTH = np.log(V), np.sum(np.log(VARIANCE / V**2), axis=0)  # (G,) terms of the normalisation
 ROUNDS = 12  # of noise and residual in turns, at most
 KEPT_STATES = 16  # marginals of a noise that are kept: each takes some megabytes
 ROUNDING = 1e-9  # of a Gram matrix, by which single precision may make it negative
@@ -115,6 +117,11 @@ class ResidualNoise:
     white: Array
     width: Array = field(default_factory=lambda: np.ones(1))
     conditions: Conditions = USUAL_CONDITIONS[0]
+
+    @cached_property
+    def log_density_on_grid(self) -> Array:
+        """Log density (R, G) of the pairs of the grid, if this is the noise of a healthy machine."""
+        return np.stack([_log_density(RHO, V, self, r) for r in range(len(self.white))])
 
     @property
     def smooth_share(self) -> Array:
@@ -197,9 +204,9 @@ def likeliest_noise(
     """
     levels, scales, log = np.zeros(white.shape), np.zeros(white.shape), np.zeros(len(white))
     for r in range(white.shape[1]):
-        fixed = -gram.rows[r] * np.log(V) - 0.5 * gram.blocks[r] * np.sum(np.log(VARIANCE / V**2), axis=0)
-        before = _log_density(RHO, V, usual, r) if usual else np.zeros_like(V)
-        each = fixed + before - 0.5 * white[:, r, None] / V**2 - 0.5 * smooth[:, r] @ (1.0 / VARIANCE)
+        fixed = -gram.rows[r] * LOG_V - 0.5 * gram.blocks[r] * LOG_SMOOTH
+        before = usual.log_density_on_grid[r] if usual else 0.0
+        each = fixed + before - 0.5 * (white[:, r, None] * WHITE_PRECISION + smooth[:, r] @ PRECISION)
         best = np.argmax(each, axis=1)
         levels[:, r], scales[:, r] = RHO[best], V[best]
         log += each[np.arange(len(each)), best]
@@ -219,8 +226,8 @@ def largest_discrepancy(gram: Gram, white: Array, smooth: Array) -> Array:
     """
     levels = np.zeros(len(white))
     for r in range(len(white)):
-        fixed = -gram.rows[r] * np.log(V) - 0.5 * gram.blocks[r] * np.sum(np.log(VARIANCE / V**2), axis=0)
-        each = fixed - 0.5 * white[r] / V**2 - 0.5 * smooth[r] @ (1.0 / VARIANCE)
+        fixed = -gram.rows[r] * LOG_V - 0.5 * gram.blocks[r] * LOG_SMOOTH
+        each = fixed - 0.5 * (white[r] * WHITE_PRECISION + smooth[r] @ PRECISION)
         best = np.max(each.reshape(len(LEVELS), -1), axis=1)
         levels[r] = LEVELS[np.flatnonzero(best >= np.max(best) - 0.5)[-1]]
     return levels
@@ -401,11 +408,15 @@ class Nuisance:
     def weighted(self, noise: ResidualNoise) -> tuple[Array, Array]:
         """Return, for each group of blocks, the product with all columns (G, I, K+1) and the precision (G, I, I)."""
         share, scale = noise.smooth_share, noise.white**-2.0
-        across = np.einsum("brij,r->bij", self.across, scale, optimize=True)
+        blocks, joints, orders, count = self.waves.shape
         pulled = self.waves * (share * scale[:, None])[..., None]
-        across -= np.einsum("brki,brkj->bij", pulled, self.smooth, optimize=True)
-        within = np.einsum("brij,r->bij", self.within, scale) - np.einsum("brki,brkj->bij", pulled, self.waves)
-        return across, within + np.eye(within.shape[-1])
+        pulled, waves, smooth = (
+            x.reshape(blocks, joints * orders, x.shape[-1]) for x in (pulled, self.waves, self.smooth)
+        )
+        pulled = pulled.swapaxes(1, 2)
+        across = np.einsum("brij,r->bij", self.across, scale) - pulled @ smooth
+        within = np.einsum("brij,r->bij", self.within, scale) - pulled @ waves
+        return across, within + np.eye(count)
 
     def spread(self, groups: Array) -> Array:
         """Return values of groups (G, ...), one per block (B, ...)."""
@@ -423,18 +434,18 @@ class Nuisance:
         """Return the sizes (B, I) in each block for a residual (K+1,), and their covariance (B, I, I)."""
         across, precision = self.weighted(noise)
         covariance = np.asarray(np.linalg.inv(precision))
-        sizes = np.einsum("bij,bjk,k->bi", covariance, across, coefficients, optimize=True)
-        return self.spread(np.asarray(sizes)), self.spread(covariance)
+        sizes = (covariance @ (across @ coefficients)[..., None])[..., 0]
+        return self.spread(sizes), self.spread(covariance)
 
     def energies(self, coefficients: Array, noise: ResidualNoise) -> tuple[Array, Array]:
         """Return the change of the energies, white (R,) and smooth (R, POLYNOMIALS), of a residual (K+1,)."""
         sizes, covariance = self.expected(coefficients, noise)
-        second = np.einsum("bi,bj->bij", sizes, sizes) + covariance
-        whole = np.einsum("brij,bij->r", self.within, second, optimize=True)
-        whole -= 2.0 * np.einsum("bi,brij,j->r", sizes, self.across, coefficients, optimize=True)
-        plain = np.einsum("brkj,j->brk", self.smooth, coefficients, optimize=True)
-        moved = np.einsum("brki,bi->brk", self.waves, sizes, optimize=True)
-        spread = np.einsum("brki,bij,brkj->rk", self.waves, covariance, self.waves, optimize=True)
+        second = sizes[:, :, None] * sizes[:, None] + covariance
+        whole = np.einsum("brij,bij->r", self.within, second)
+        whole -= 2.0 * np.einsum("bi,bri->r", sizes, self.across @ coefficients)
+        plain = self.smooth @ coefficients
+        moved = (self.waves @ sizes[:, None, :, None])[..., 0]
+        spread = np.sum((self.waves @ covariance[:, None]) * self.waves, axis=(0, 3))
         smooth = np.sum((plain - moved) ** 2 - plain**2, axis=0) + spread
         return whole - np.sum(smooth, axis=1), smooth
 
