@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.constants import LAW_ERROR, SAME_MACHINE
+from cylforce.diagnosis.constants import SAME_MACHINE
 from cylforce.diagnosis.decide import (
     SURE,
     FreeEvidence,
@@ -302,7 +302,9 @@ def _tried(
     objection = objection_to_magnitude(first) or objection_to_simulation(question, (first,), alone)
     both = causes_of(evidence, candidate)
     more = [c for c in both[1:] if c.probability >= SURE and c.key != UNKNOWN]
-    more = [c for c in more if not objection_to_magnitude(c) and _shows(question, c, alone)]
+    more = [
+        c for c in more if not objection_to_magnitude(c) and _shows(question, c, alone, first.proposal.about.torque)
+    ]
     if more and not objection_to_magnitude(both[0]):
         causes = (both[0], *more)
         simulated = Simulation(question, candidate).run(causes, rng)
@@ -317,15 +319,15 @@ def _single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Can
     return max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
 
 
-def _shows(question: FieldQuestion, cause: Cause, alone: Simulated) -> bool:
+def _shows(question: FieldQuestion, cause: Cause, alone: Simulated, law_error: float) -> bool:
     """Return whether the joint most affected by a cause still has a gap with the first cause alone simulated.
 
-    The gap must exceed the error of the first cause's own law.
+    law_error: relative error of the torque of the first cause's law, which the gap must exceed
     """
     torque, floor = rms(added_torque(question, cause)), question.machine.floor.rms
     most = int(np.argmax(torque / floor))
     before, after = (float(rms(each)[most] / floor[most]) for each in (alone.before, alone.after))
-    law = LAW_ERROR**2 * max(before**2 - 1.0, 0.0)
+    law = law_error**2 * max(before**2 - 1.0, 0.0)
     return after**2 > 1.0 + SAME_MACHINE + law
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from cylforce.diagnosis.constants import (
     CORRELATED_ROWS,
     COSTS,
-    LAW_ERROR,
     SAME_EVIDENCE,
     SAME_MACHINE,
     SECOND_EFFECT,
@@ -18,6 +17,7 @@ from cylforce.diagnosis.constants import (
 from cylforce.diagnosis.likelihood import Hypothesis, effective_share
 from cylforce.diagnosis.model import KnowledgeSource
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
+from cylforce.effects.fault import LAW_ERROR
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 from cylforce.signals.estimate import Array
 
@@ -200,17 +200,21 @@ class HypothesisEvidence:
         effect.
         """
         healthy, left = self.usual(c.hypothesis), max(c.rest**2 - 1.0, 0.0)
+        forms, law = c.hypothesis.forms, LAW_ERROR
+        if forms:
+            law = max(c.question.forms[p].torque for p in forms if c.key(p) == self.main(c))
         if self.found.work is None and left > SAME_MACHINE:
-            healthy *= self._error_of_law(left - SAME_MACHINE)
-        return healthy + (1.0 - healthy) * self._error_of_law(left) if c.hypothesis.forms else healthy
+            healthy *= self._error_of_law(left - SAME_MACHINE, law)
+        return healthy + (1.0 - healthy) * self._error_of_law(left, law) if forms else healthy
 
-    def _error_of_law(self, left: float) -> float:
+    def _error_of_law(self, left: float, law: float) -> float:
         """Return the probability that a residual is the error of a law that made the gap.
 
         left: its energy beyond the noise floor, in squared floors
+        law:  relative error of the law's torque
         """
         gap = self.gap**2 - 1.0
-        return float(np.exp(-0.5 * left / gap / LAW_ERROR**2)) if gap > 0.0 else 0.0
+        return float(np.exp(-0.5 * left / gap / law**2)) if gap > 0.0 else 0.0
 
     @cached_property
     def posterior(self) -> dict[Key, float]:

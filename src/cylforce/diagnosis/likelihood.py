@@ -39,7 +39,7 @@ from cylforce.diagnosis.constants import (
     TAIL,
 )
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, in_blocks, polynomials
-from cylforce.effects.fault import BEYOND
+from cylforce.effects.fault import BEYOND, LAW_ERROR
 from cylforce.readings.constants import BLOCK_ROWS, CLEAR_GAP, HALF
 from cylforce.signals.estimate import Array
 
@@ -249,6 +249,7 @@ class Form:
     axes:      number of its sizes that are components of the magnitude
     sensor:    whether it is an error of readings or of geometry
     law_error: relative error of a magnitude because the law is only approximate
+    torque:    relative error of its torque that the law leaves at the right size
     """
 
     name: str
@@ -260,6 +261,7 @@ class Form:
     axes: int = 1
     sensor: bool = False
     law_error: float = 0.0
+    torque: float = LAW_ERROR
 
     @property
     def key(self) -> tuple[str, str]:

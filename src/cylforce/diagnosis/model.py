@@ -601,10 +601,14 @@ def forms_of(layout: ColumnLayout, dry: Array | None = None) -> tuple[Form, ...]
     for p, columns in zip(layout.proposals, layout.places, strict=True):
         if p.course is TimeCourse.WINDOWS:
             continue
-        about = p.about
-        high = max(layout.largest(p, dry), about.low)
-        found.append(Form(p.name, p.at, columns, about.low, high, about.sign, about.axes, p.bends, about.form))
+        found.append(form_of(layout, p, columns, dry))
     return tuple(found)
+
+
+def form_of(layout: ColumnLayout, p: Proposal, columns: tuple[int, ...], dry: Array | None = None) -> Form:
+    """Return the form of a proposal with its columns."""
+    about, high = p.about, max(layout.largest(p, dry), p.about.low)
+    return Form(p.name, p.at, columns, about.low, high, about.sign, about.axes, p.bends, about.form, about.torque)
 
 
 def lasting(layout: ColumnLayout) -> list[Proposal]:

@@ -55,6 +55,7 @@ from cylforce.diagnosis.model import (
     HealthyMachine,
     KnowledgeSource,
     Seen,
+    form_of,
     forms_of,
     lasting,
 )
@@ -263,11 +264,8 @@ class FieldQuestion:
             columns = tuple(first + STEP_COLUMNS.index(name) for name in p.incidents) if stepped else form.columns
             found.append(replace(form, columns=columns))
         if self.refined_as_read:
-            p, count = self.refined_as_read.proposal, len(self.refined_as_read.unit)
-            own_columns = tuple(range(self.size, self.size + count))
-            high = max(self.machine.layout.largest(p, self.dry_friction), p.about.low)
-            about = p.about
-            found.append(Form(p.name, p.at, own_columns, about.low, high, about.sign, about.axes, p.bends, about.form))
+            more = tuple(range(self.size, self.size + len(self.refined_as_read.unit)))
+            found.append(form_of(self.machine.layout, self.refined_as_read.proposal, more, self.dry_friction))
         return tuple(found)
 
     @cached_property

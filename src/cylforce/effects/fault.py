@@ -54,6 +54,9 @@ class RunToRun(StrEnum):
     EACH_START = "each start"
 
 
+LAW_ERROR = 0.2  # of a torque: relative error of the law of most effects; chosen
+
+
 class About(NamedTuple):
     """Description of an effect.
 
@@ -69,6 +72,7 @@ class About(NamedTuple):
     form:    relative standard error of a size because the law is only approximate; at least 0.01, the error of levers
              and areas, which turn the size into torque
     varies:  how it varies on a healthy machine from one recording to the next
+    torque:  relative error of its torque that the law leaves at the right size
     """
 
     name: str
@@ -82,6 +86,7 @@ class About(NamedTuple):
     axes: int = 1
     form: float = 0.01
     varies: RunToRun = RunToRun.STATIC
+    torque: float = LAW_ERROR
 
 
 class ShapeRange(NamedTuple):

@@ -9,7 +9,9 @@ from cylforce.mechanics.machine import Machine
 from cylforce.signals.estimate import Array
 from cylforce.signals.recurrence import clipped, followed
 
-STILL = 0.1  # share of the loop's width: a reading that has moved by less may have done so by noise alone; chosen
+MEDIAN_TO_SIGMA = 1.4826  # of normal noise: its standard deviation over the median of its absolute values
+STILL = 0.1  # share of the loop's width by which a reading must have moved at least; chosen
+NOISE = 8.0  # its standard deviations, too: the range of thousands of samples of noise alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,7 @@ class PressureSensorHysteresis:
             confirm="raise and lower the pressure in steps, with a second gauge",
             sign=1,
             form=0.1,  # chosen: real loops lie between both forms
+            torque=0.35,  # own simulator, five machines: 0.2 to 0.44; its readings do not tell where in the loop it is
         )
 
     @property
@@ -59,23 +62,36 @@ class PressureSensorHysteresis:
 
         found, window = values.copy(), 2 * int(self.smoothing / 2.0 * (len(t) - 1) / max(t[-1] - t[0], 1e-9)) + 1
         pressure = uniform_filter1d(values[:, where], window, mode="nearest")
-        from_reading = size < 0.0 and not self.opening
-        branch = self._branch_of_reading(pressure, -size) if from_reading else self._branch(pressure, abs(size))
+        if size < 0.0 and not self.opening:
+            noise = float(np.median(np.abs(np.diff(values[:, where])))) * MEDIAN_TO_SIGMA / np.sqrt(2.0 * window)
+            branch = self._branch_of_reading(pressure, -size, max(-size * STILL, NOISE * noise), window)
+        else:
+            branch = self._branch(pressure, abs(size))
         found[:, where] -= size / 2.0 * branch
         return found
 
-    def _branch_of_reading(self, reading: Array, width: float) -> Array:
+    def _branch_of_reading(self, reading: Array, width: float, still: float, window: int) -> Array:
         """Return the branch (T,) on which a sensor with play reads, from its readings: -1 falling .. 1 rising.
 
-        At a sample at which the reading moves it is the direction of that motion. It is interpolated between these
-        samples, where the reading is constant because the pressure crosses the play.
+        At a sample at which the reading moves it is the direction of that motion, at the first sample 0. In between, it
+        is constant: the pressure stays where it was, and crosses the play just before the reading moves in the
+        other direction, at half the speed that the reading has then (the mean speed of what begins to move).
 
         reading: (T,) [Pa]
         width:   of the loop [Pa]
+        still:   change of the reading that may be noise alone [Pa]
+        window:  samples in which its speed is measured
         """
-        branch = self._branch(reading, STILL * width)
-        moving = np.flatnonzero(np.diff(reading, prepend=reading[0]) * branch * (np.abs(branch) == 1.0) > 0.0)
-        return np.interp(np.arange(len(reading)), moving, branch[moving]) if moving.size else branch
+        branch = self._branch(reading, still)
+        moves = np.diff(reading, prepend=reading[0]) * branch * (np.abs(branch) == 1.0) > 0.0
+        moves[0], branch[0] = True, 0.0
+        at = np.flatnonzero(moves)
+        speed = np.abs(reading[np.minimum(at + window, len(reading) - 1)] - reading[at]) / window
+        takes = np.abs(np.diff(branch[at])) * width / np.maximum(speed[1:], 1e-12)
+        leaves = at[1:] - np.minimum(takes, np.diff(at))
+        places = np.append(np.column_stack([at[:-1], leaves]).ravel(), at[-1])
+        levels = np.append(np.repeat(branch[at[:-1]], 2), branch[at[-1]])
+        return np.asarray(np.interp(np.arange(len(reading)), places, levels))
 
     def _branch(self, pressure: Array, width: float) -> Array:
         """Return the position (T,) of the reading between both branches: -1 falling .. 1 rising, 0 at the first sample.
