@@ -340,7 +340,8 @@ def _undetermined(model: Model, fit: Fit) -> tuple[str, ...]:
 def attachment_prior(common: Tares, standard: Model, other: Model) -> Prior:
     """Return the prior of the machine with another tool before it moves.
 
-    It combines the identified arm, the tool's data sheet, and the spread of friction between days (`EXPECTED`).
+    It combines the identified arm and the tool's data sheet. Each Coulomb and viscous friction may have changed by the
+    share by which it differs between strokes (`EXPECTED`).
 
     common: tares identified with the standard tool
     standard, other: model with the standard tool and with the other tool

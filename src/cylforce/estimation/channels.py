@@ -199,9 +199,12 @@ class Channels:
         )
 
     def between(self, four: Array) -> Moved:
-        """Return the motion in the middle of four samples: values from their mean, rates from their slope.
+        """Return the motion in the middle of four consecutive samples, and which cylinders' forces can be used.
 
-        four: (4, ..., D) smoothed channels: joint angles [rad], cylinder forces [N], attitude
+        The values are their mean with the weights 1, 3, 3, 1, which completes the low-pass `smooth`; the rates are
+        their slope.
+
+        four: (4, ..., D) channels after `smooth`: joint angles [rad], cylinder forces [N], attitude
         """
         return self.moved(mean(four), slope(four, self.dt))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from functools import cache
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -203,10 +204,10 @@ def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = T
     step = int(CHUNK_SECONDS * model.filters.rate_hz)
     stretches = (observe(model, piece, k * step, noisy=noisy) for k, piece in enumerate(chunks(model, segments)))
     parts = (block_factors(model, stretch, noisy=noisy) for stretch in stretches)
-    try:
-        return joined(parts, MOST_BLOCKS)
-    except ValueError:
+    first = next(parts, None)
+    if first is None:
         raise TooShortError(
             f"the recording has no gapless stretch longer than {2 * model.settle_steps / model.filters.rate_hz:.1f} s: "
             "record longer, and check that no sensor drops out"
-        ) from None
+        )
+    return joined(chain([first], parts), MOST_BLOCKS)

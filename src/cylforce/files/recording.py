@@ -150,7 +150,8 @@ def sensor_frames(recording: Events | Table | Iterable[Table], service: Service)
 def as_frames(table: Table, pdos: Sequence[Pdo]) -> Iterator[Frame]:
     """Yield a table's samples in the sensors' PDOs: each at its period, synchronous ones every `sync` rows.
 
-    NaN, and signals that the table does not have, become the PDO's "no value". A frame's time is its row's.
+    The table has two rows or more, evenly spaced. NaN, and signals that the table does not have, become the PDO's "no
+    value". A frame's time is its row's.
     """
     return _pieces_as_frames([table], pdos, round((table.t_s[1] - table.t_s[0]) * 1e6))
 

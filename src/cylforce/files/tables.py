@@ -231,7 +231,7 @@ def write_table(path: Path, table: Table) -> None:
             arrow.parquet.write_table(arrow.table(list(columns.T), names=names), temporary)
         return
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file).writerow(names)
+        csv.writer(file, lineterminator="\n").writerow(names)
         file.writelines(_text_rows(columns))
 
 

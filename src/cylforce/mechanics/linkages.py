@@ -136,9 +136,9 @@ class Linkages:
         return Stretch(length, gradient, transmission)
 
     def _driven(self, pins: Point) -> tuple[Point, Array]:
-        """Return the eyes and the transmissions (..., C) of all linkages.
+        """Return the eyes (rod ends) and the transmissions (..., C) of all linkages; NaN where one cannot be closed.
 
-        An eye has a place (..., C) [m] and a gradient (..., C, N) [m/rad].
+        A transmission is a sine, as in `Stretch`. An eye has a place (..., C) [m] and a gradient (..., C, N) [m/rad].
 
         pins: places (..., K) [m] of the pins of all linkages, one after the other, and their gradients (..., K, N)
         """

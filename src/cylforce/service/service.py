@@ -466,8 +466,8 @@ class WeighingService(Estimator):
     def _withhold(self) -> None:
         """Suspend bookings while the monitor of the sensors is unsure.
 
-        A suspicion that does not wait for motion in the air discards a load that is not booked yet. The probable errors
-        of the signals become a part of the errors of bookings."""
+        A suspicion, unless the next motion in the air decides it, discards a load that is not booked yet. The probable
+        errors of the signals become a part of the errors of bookings."""
         suspicion = self.monitor.suspicion
         if suspicion.level is not Level.FINE and not suspicion.waits:
             self.bookings.discard_candidate()

@@ -57,8 +57,9 @@ def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
 def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, findings: Inspection) -> dict[str, Any]:
     """Return a table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix.
 
-    An error goes to `findings`, and its key is omitted. A missing range becomes ANY. A missing offset becomes the SI
-    value of zero in the unit of the other keys.
+    An error goes to `findings`, and its key is omitted. A missing range is an error, too; ANY stands for it, so that
+    the other keys can be checked. A missing offset is none: it becomes the SI value of zero in the unit of the other
+    keys.
 
     unit: SI unit of the quantity
     words: keys that are written with a unit

@@ -19,7 +19,8 @@ class SoftGround:
     The moment is about the middle of the tracks, `height` below the first pin. No sensor measures psi: there is no tilt
     sensor, or it averages over longer than a stroke. All links turn by -psi and their first pin moves. Every joint
     needs -(M_j psi'' + K_j psi) more. M_j is the inertia about the joint of links that turn about the middle of the
-    tracks, K_j the change of their weight's torque per radian. The mean of psi is a slope of the ground.
+    tracks, K_j the change of their weight's torque per radian. The mean of psi, a slope of the
+    ground, is part of it.
 
     Two tracks of 0.6 m by 3.5 m on ground of 2 to 50 MN/m^3 turn by 5e-9 to 1e-7 rad/(N m), on bog by ten times that.
     """
