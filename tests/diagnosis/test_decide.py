@@ -54,7 +54,8 @@ def incident(key, log, share=0.1, rest=1.0, before=GAP):
 def evidence(*candidates, incidents=(), gap=GAP, forms=FORMS, healthy=None, places=1, **more):
     """Return the evidence of hypotheses beside the healthy machine."""
     healthy = candidate(0.0, rest=gap) if healthy is None else healthy
-    question = SimpleNamespace(forms=forms, incident_forms=Counter({SLEW[0]: 1, CONTACT[0]: places}))
+    machine = SimpleNamespace(spread=SAME_MACHINE)
+    question = SimpleNamespace(forms=forms, incident_forms=Counter({SLEW[0]: 1, CONTACT[0]: places}), machine=machine)
     case = SimpleNamespace(machine=SimpleNamespace(noise=NOISE))
     return HypothesisEvidence(Found(question, case, (healthy, *candidates), tuple(incidents), np.array([gap])), **more)
 

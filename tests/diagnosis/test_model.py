@@ -9,7 +9,7 @@ import pytest
 
 from cylforce.commissioning.identification import identify
 from cylforce.diagnosis import diagnose, question_of
-from cylforce.diagnosis.constants import VARYING_CHANGE
+from cylforce.diagnosis.constants import SAME_MACHINE, VARYING_CHANGE
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import (
     LEARNT,
@@ -28,6 +28,7 @@ from cylforce.diagnosis.statistics import rms
 from cylforce.effects.fault import INCIDENTAL, RunToRun
 from cylforce.effects.unknown import NAME as UNKNOWN_TORQUE
 from cylforce.estimation.model import FRICTION, Model
+from cylforce.programs.common.gap_machine import MOST_UNEXPLAINED, unexplained
 from cylforce.readings.constants import BLOCK_ROWS
 from cylforce.readings.recording import Recording
 from cylforce.settings.identified import read_identified, write_identified
@@ -55,6 +56,27 @@ FEW = tuple(p for p in PROPOSALS if p.name in ("coulomb_friction", "pressure_off
 def few():
     """The healthy machine with a few effects: quicker."""
     return learnt_from(*(recorded(seed) for seed in REFERENCE_SEEDS), wanted=FEW)
+
+
+# Spread of its own recordings
+
+
+def test_two_recordings_may_differ_as_much_as_a_part_of_the_references_from_the_others():
+    machine = few()
+    alike, unlike = np.tile(machine.floor.rms**2, (8, 1)), np.tile(machine.floor.rms**2, (8, 1))
+    unlike[:2, 1] *= 3.0  # of four parts the first, at the second joint
+    assert replace(machine, floor_unseen=alike).spread == pytest.approx(SAME_MACHINE)
+    assert replace(machine, floor_unseen=unlike).spread == pytest.approx(2.0)
+    unlike[:2, 0] = np.nan  # a joint that does not move there
+    assert replace(machine, floor_unseen=unlike).spread == pytest.approx(2.0)
+
+
+def test_references_that_leave_a_large_share_of_the_torque_show_no_healthy_machine():
+    references = [recorded(seed) for seed in REFERENCE_SEEDS]
+    assert unexplained(few(), references) < 0.1 * MOST_UNEXPLAINED
+    loose = replace(few(), floor=few().floor.scaled(100.0 * few().floor.rms))
+    assert unexplained(loose, references) > MOST_UNEXPLAINED
+    assert unexplained(replace(loose, known=np.array([False, False])), references) == 0.0
 
 
 # Columns

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis import question_of
+from cylforce.diagnosis.constants import SAME_MACHINE
 from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.likelihood import TemperatureChange, likeliest_noise
 from cylforce.diagnosis.search import (
@@ -36,7 +37,8 @@ OFFSET = effect("angle_offset", "stick_angle", 0.02)
 def likeliest(rows):
     """Return the likeliest answer for synthetic rows."""
     case = synthetic.likelihood(rows)
-    question = SimpleNamespace(incident_forms={}, forms=synthetic.FORMS, laid=None)
+    machine = SimpleNamespace(spread=SAME_MACHINE)
+    question = SimpleNamespace(incident_forms={}, forms=synthetic.FORMS, laid=None, machine=machine)
     found = [Candidate(h, question) for h in searched(case, range(2))]
     gap = case.rests(np.append(-case.machine.mean, 1.0))
     return HypothesisEvidence(Found(question, case, tuple(found), (), gap)).first

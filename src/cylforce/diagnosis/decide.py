@@ -11,7 +11,6 @@ from cylforce.diagnosis.constants import (
     CORRELATED_ROWS,
     COSTS,
     SAME_EVIDENCE,
-    SAME_MACHINE,
     SECOND_EFFECT,
 )
 from cylforce.diagnosis.likelihood import Hypothesis, effective_share
@@ -136,7 +135,7 @@ class HypothesisEvidence:
     def _key_without_effect(self, c: Candidate) -> Key:
         """Return the answer for a hypothesis without effects: no gap, contact, or unknown."""
         contact = next((i.key for i in self.incidents if i.key[0] == CONTACT), None)
-        if not self.only_contact(c) or self.gap**2 - 1.0 <= SAME_MACHINE:
+        if not self.only_contact(c) or not self.has_gap:
             return NO_GAP
         return contact or UNKNOWN
 
@@ -161,7 +160,12 @@ class HypothesisEvidence:
     @property
     def has_gap(self) -> bool:
         """True where the gap is larger than between two recordings of a healthy machine."""
-        return self.gap**2 - 1.0 > SAME_MACHINE
+        return self.gap**2 - 1.0 > self.same_machine
+
+    @property
+    def same_machine(self) -> float:
+        """Energy by which two recordings of this machine may differ, in squared floors."""
+        return self.found.question.machine.spread
 
     @cached_property
     def strength(self) -> float:
@@ -194,17 +198,17 @@ class HypothesisEvidence:
     def lawful(self, c: Candidate) -> float:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
 
-        A residual is healthy only if it leaves no gap, or no more than the error of a law. This does not hold at work,
-        whose model error references do not show. The probability is 1 for effects that leave at most one noise floor,
-        whatever the noise: a cause that the library lacks, but that looks like one of its effects, counts as that
-        effect.
+        A residual is healthy only if it exceeds the floor by no more than those of healthy recordings do, or than the
+        error of a law. This does not hold at work, whose model error references do not show. The probability is 1 for
+        effects that leave at most one noise floor, whatever the noise: a cause that the library lacks, but that looks
+        like one of its effects, counts as that effect.
         """
         healthy, left = self.usual(c.hypothesis), max(c.rest**2 - 1.0, 0.0)
         forms, law = c.hypothesis.forms, LAW_ERROR
         if forms:
             law = max(c.question.forms[p].torque for p in forms if c.key(p) == self.main(c))
-        if self.found.work is None and left > SAME_MACHINE:
-            healthy *= self._error_of_law(left - SAME_MACHINE, law)
+        if self.found.work is None and left > self.same_machine:
+            healthy *= self._error_of_law(left - self.same_machine, law)
         return healthy + (1.0 - healthy) * self._error_of_law(left, law) if forms else healthy
 
     def _error_of_law(self, left: float, law: float) -> float:
@@ -243,10 +247,9 @@ class HypothesisEvidence:
         whole = sum(found.values())
         return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
 
-    @staticmethod
-    def _is_transient(i: BlockIncident | Spill) -> bool:
+    def _is_transient(self, i: BlockIncident | Spill) -> bool:
         """Return whether the residual is a healthy machine's although the incident is not removed."""
-        return i.before**2 - 1.0 <= SAME_MACHINE
+        return i.before**2 - 1.0 <= self.same_machine
 
     def key_of(self, i: BlockIncident | Spill) -> Key:
         """Return the answer for an incident: a transient of a healthy machine is no gap."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from cylforce.diagnosis.constants import CREEP_CHANGE, DETECTABLE, STATIC_CHANGE, VARYING_CHANGE
+from cylforce.diagnosis.constants import CREEP_CHANGE, DETECTABLE, SAME_MACHINE, STATIC_CHANGE, VARYING_CHANGE
 from cylforce.diagnosis.likelihood import (
     Form,
     Likelihood,
@@ -261,6 +261,17 @@ class HealthyMachine:
     references: int
     loaded: bool = False
     returns: dict[int, ReturnLaw] = field(default_factory=dict)
+
+    @cached_property
+    def spread(self) -> float:
+        """Energy by which two of its recordings may differ at a joint, in squared floors.
+
+        At least that of any two recordings of a healthy machine; more where a part of its own recordings, predicted
+        from the others, leaves more: one minute of strokes does not predict other motion.
+        """
+        floors = np.where(self.known & (self.floor.rms > 0.0), self.floor.rms**2, np.inf)
+        parts = [np.ma.masked_invalid(part / floors).mean(axis=0) for part in np.array_split(self.floor_unseen, FOLDS)]
+        return max(SAME_MACHINE, float(np.ma.max(np.ma.stack(parts).filled(0.0))) - 1.0)
 
 
 def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:

@@ -19,7 +19,15 @@ from cylforce.estimation.model import Model
 from cylforce.files.atomic import RecordingError
 from cylforce.programs.common.gap_answer import answer, before_anything, sheet_answer
 from cylforce.programs.common.gap_clocks import apart, off_clock
-from cylforce.programs.common.gap_machine import ALWAYS, OF_SHEET, SEED, Groups, known_machine
+from cylforce.programs.common.gap_machine import (
+    ALWAYS,
+    MOST_UNEXPLAINED,
+    OF_SHEET,
+    SEED,
+    Groups,
+    known_machine,
+    unexplained,
+)
 from cylforce.programs.common.gap_question import Question, check_recordings, only_effect, reduced
 from cylforce.programs.common.gap_references import alike
 from cylforce.programs.common.progress import Watch, silent
@@ -148,6 +156,14 @@ class _GapRun:
         known = known_machine(loaded, self.question, groups, self.library, self.watch, self.cache, self.parallel_map)
         if known is None:
             return self._sheet(groups.field, warnings, late)
+        if groups.healthy and not known.identified:
+            left = unexplained(known.machine, groups.healthy)
+            if left > MOST_UNEXPLAINED:
+                return _nothing(
+                    f"{self._healthy_name} cannot be explained: at every joint {100.0 * left:.0f} % of the torque or "
+                    "more is left. They show loads or contact of which nothing is known, or a machine that the machine "
+                    "file does not describe: record it empty in the air, every joint slowly and fast"
+                )
         rng, rate_hz = np.random.default_rng(SEED), loaded.service.filters.rate_hz
         jumps = jumping_sensors(loaded.service.machine, groups.field, groups.healthy, rate_hz)
         jumps = tuple(each for each in jumps if self._wanted(each.proposal))
@@ -188,6 +204,10 @@ class _GapRun:
         clocks = apart(late) if late else ""
         texts = (*warnings, clocks, *_reading_warnings(self.loaded, groups))
         return Diagnosed(whole | {"warnings": [text for text in texts if text]}, sheet=found)
+
+    @property
+    def _healthy_name(self) -> str:
+        return "the simulation's recordings" if self.question.simulation else "the references"
 
     def _zeros(self) -> Zeros:
         """Return the readings of the pressure sensors without pressure. Raises RecordingError."""
