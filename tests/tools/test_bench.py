@@ -30,7 +30,7 @@ def test_the_parts_of_a_step_add_up(tmp_path):
     assert done.returncode == 0, done.stderr
     (found,) = json.loads(output.read_text()).values()
     assert set(found["parts_us"]) == {"decode", "sample", "regressor", "recursion", "force", "encode", "rest"}
-    assert all(us > 0.0 for name, us in found["parts_us"].items() if name != "rest")  # the rest is a small difference
+    assert all(us > 0.0 for us in found["parts_us"].values())
     assert sum(found["parts_us"].values()) == pytest.approx(found["step_us"])
     assert found["rate_hz"] == 100.0
     assert found["share_of_core"] == pytest.approx(found["step_us"] * 1e-4)

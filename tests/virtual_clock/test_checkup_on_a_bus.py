@@ -101,4 +101,4 @@ def test_every_step_is_kept_as_a_recording(done):
     steps = sorted(path.name for path in (done.folder / "steps").iterdir())
     assert steps == ["1.log", "still.log"]
     events = [list(read_events(done.folder / "steps" / name, 10_000)[1]) for name in steps]
-    assert all(len(each) > 500 for each in events)
+    assert all(len(each) > 1000 for each in events)

@@ -81,7 +81,7 @@ class Objects(canopen.LocalNode):
         self.set_data(index, sub, self._find_object(index, sub).encode_raw(value))
 
     def download(self, index: int, sub: int, data: bytes, length: int | None) -> None:
-        """Write an object for an SDO client. A command stores nothing; the service decides about it.
+        """Write an object for an SDO client. A command is not stored: the service decides whether to obey it.
 
         Raises SdoAbortedError for an object that does not exist or is read-only, data of another length than its type,
         a value beyond its limits, a command that the service refuses, and what `write` refuses.

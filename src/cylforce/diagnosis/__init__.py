@@ -300,11 +300,9 @@ def _tried(
     (first,) = causes_of(evidence, single)[:1]
     alone = Simulation(question, single).run((first,), rng)
     objection = objection_to_magnitude(first) or objection_to_simulation(question, (first,), alone)
-    both = causes_of(evidence, candidate)
+    both, law_error = causes_of(evidence, candidate), first.proposal.about.torque_error
     more = [c for c in both[1:] if c.probability >= SURE and c.key != UNKNOWN]
-    more = [
-        c for c in more if not objection_to_magnitude(c) and _shows(question, c, alone, first.proposal.about.torque)
-    ]
+    more = [c for c in more if not objection_to_magnitude(c) and _shows(question, c, alone, law_error)]
     if more and not objection_to_magnitude(both[0]):
         causes = (both[0], *more)
         simulated = Simulation(question, candidate).run(causes, rng)

@@ -206,7 +206,8 @@ class HypothesisEvidence:
         healthy, left = self.usual(c.hypothesis), max(c.rest**2 - 1.0, 0.0)
         forms, law = c.hypothesis.forms, LAW_ERROR
         if forms:
-            law = max(c.question.forms[p].torque for p in forms if c.key(p) == self.main(c))
+            main = self.main(c)
+            law = max(c.question.forms[p].torque_error for p in forms if c.key(p) == main)
         if self.found.work is None and left > self.same_machine:
             healthy *= self._error_of_law(left - self.same_machine, law)
         return healthy + (1.0 - healthy) * self._error_of_law(left, law) if forms else healthy

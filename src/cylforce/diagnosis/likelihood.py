@@ -249,7 +249,7 @@ class Form:
     axes:      number of its sizes that are components of the magnitude
     sensor:    whether it is an error of readings or of geometry
     law_error: relative error of a magnitude because the law is only approximate
-    torque:    relative error of its torque that the law leaves at the right size
+    torque_error: relative error of its torque that the law leaves at the right size
     """
 
     name: str
@@ -261,7 +261,7 @@ class Form:
     axes: int = 1
     sensor: bool = False
     law_error: float = 0.0
-    torque: float = LAW_ERROR
+    torque_error: float = LAW_ERROR
 
     @property
     def key(self) -> tuple[str, str]:

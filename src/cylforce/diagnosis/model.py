@@ -619,7 +619,7 @@ def forms_of(layout: ColumnLayout, dry: Array | None = None) -> tuple[Form, ...]
 def form_of(layout: ColumnLayout, p: Proposal, columns: tuple[int, ...], dry: Array | None = None) -> Form:
     """Return the form of a proposal with its columns."""
     about, high = p.about, max(layout.largest(p, dry), p.about.low)
-    return Form(p.name, p.at, columns, about.low, high, about.sign, about.axes, p.bends, about.form, about.torque)
+    return Form(p.name, p.at, columns, about.low, high, about.sign, about.axes, p.bends, about.form, about.torque_error)
 
 
 def lasting(layout: ColumnLayout) -> list[Proposal]:

@@ -72,7 +72,7 @@ class About(NamedTuple):
     form:    relative standard error of a size because the law is only approximate; at least 0.01, the error of levers
              and areas, which turn the size into torque
     varies:  how it varies on a healthy machine from one recording to the next
-    torque:  relative error of its torque that the law leaves at the right size
+    torque_error: relative error of its torque that the law leaves at the right size
     """
 
     name: str
@@ -86,7 +86,7 @@ class About(NamedTuple):
     axes: int = 1
     form: float = 0.01
     varies: RunToRun = RunToRun.STATIC
-    torque: float = LAW_ERROR
+    torque_error: float = LAW_ERROR
 
 
 class ShapeRange(NamedTuple):

@@ -11,7 +11,7 @@ from cylforce.signals.recurrence import clipped, followed
 
 MEDIAN_TO_SIGMA = 1.4826  # of normal noise: its standard deviation over the median of its absolute values
 STILL = 0.1  # share of the loop's width by which a reading must have moved at least; chosen
-NOISE = 8.0  # its standard deviations, too: the range of thousands of samples of noise alone
+NOISE_RANGE = 8.0  # standard deviations of noise from the lowest to the highest of thousands of samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,8 @@ class PressureSensorHysteresis:
             confirm="raise and lower the pressure in steps, with a second gauge",
             sign=1,
             form=0.1,  # chosen: real loops lie between both forms
-            torque=0.35,  # own simulator, five machines: 0.2 to 0.44; its readings do not tell where in the loop it is
+            # Own simulator, five machines: 0.2 to 0.44. The readings do not tell where in the loop the pressure is.
+            torque_error=0.35,
         )
 
     @property
@@ -64,7 +65,7 @@ class PressureSensorHysteresis:
         pressure = uniform_filter1d(values[:, where], window, mode="nearest")
         if size < 0.0 and not self.opening:
             noise = float(np.median(np.abs(np.diff(values[:, where])))) * MEDIAN_TO_SIGMA / np.sqrt(2.0 * window)
-            branch = self._branch_of_reading(pressure, -size, max(-size * STILL, NOISE * noise), window)
+            branch = self._branch_of_reading(pressure, -size, max(-size * STILL, NOISE_RANGE * noise), window)
         else:
             branch = self._branch(pressure, abs(size))
         found[:, where] -= size / 2.0 * branch

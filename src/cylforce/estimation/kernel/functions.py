@@ -62,11 +62,12 @@ class Kernel(Protocol):
     ) -> int:
         """Return whether an instant fits the load of a lift.
 
-        0: no, or no row is usable; 1: yes; 2: yes, and a usable row is of a moving joint. It reads `rows` (columns,
-        then measured torques [N m]), `residual` (residual torques [N m], their variances), the variance by a rocking
-        base [N^2 m^2] (`base_variance`), which rows are `usable`, the steps for which each has `rested`, the `drift` of
-        friction and zeros with `drift_covariance`, and the state of the `lift`. `work` is
-        written: the rows to be taken. Shapes and units: `weighed.gate`."""
+        0: it does not fit, or no row is usable. 1: it fits. 2: it fits, and a usable row belongs to a joint that moves.
+
+        Read: `rows` (columns, then measured torques [N m]), `residual` (residual torques [N m], their variances), the
+        variance by a rocking base [N^2 m^2] (`base_variance`), which rows are `usable`, the steps for which each has
+        `rested`, the `drift` of friction and zeros with `drift_covariance`, the state of the `lift`. Written: `work`,
+        the rows to be taken. Shapes and units: `weighed.gate`."""
 
     def take(self, s: Solver, rows: Flat, residual: Flat, work: Flat, lift: Flat, /) -> None: ...
     def conclude(self, s: Solver, lift: Flat, drift: Flat, drift_covariance: Flat, conclusion: Flat, /) -> None: ...

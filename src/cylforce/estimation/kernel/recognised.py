@@ -225,9 +225,9 @@ def turn_force(
     first: Count,
     torques: Numbers,
 ) -> None:
-    """Compute the change of the residual torque [N m] per radian by which an angle reads too large, beside a force.
+    """Compute the change of the residual torque [N m] per radian by which an angle reads too large.
 
-    The force at the tool is known, and its torque by the model is subtracted. The error turns all links beyond its
+    A known force acts on the tool; its torque by the model is subtracted. The error turns all links beyond its
     joint, and with them the tool, about that joint. With (a, b) the place of the tool, forwards and upwards [m], from
     the farther one of joint j and the joint of the error, the torque of joint j changes by -(a x + b z) per radian.
 

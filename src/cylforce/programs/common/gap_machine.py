@@ -44,8 +44,8 @@ ALWAYS = ("coulomb", "viscous", "delay", "load_dependent", "directional")
 OF_SHEET = ("coulomb", "viscous", "delay")
 
 
-# Share of the torque at every joint: what leaves more shows no healthy machine. Convention between the 0.001 to 0.02 of
-# machines in the air, real ones among them, and the 0.2 of work with unknown loads.
+# Share of the torque at every joint: references that leave more show no healthy machine. Convention between the 0.004
+# of own simulated machines in the air and the 0.2 of one at work with unknown loads.
 MOST_UNEXPLAINED = 0.05
 
 
@@ -69,8 +69,9 @@ def unexplained(machine: HealthyMachine, recordings: Sequence[Recording]) -> flo
     for each in recordings:
         rows = machine.regressors.rows(each, ())
         torques.append(rows.base @ parameters + rows.residual)
-    moved = machine.known & (rms(torques) > 0.0)
-    return float(np.min(machine.floor.rms[moved] / rms(torques)[moved], initial=np.inf)) if np.any(moved) else 0.0
+    torque = rms(torques)
+    moved = machine.known & (torque > 0.0)
+    return float(np.min(machine.floor.rms[moved] / torque[moved])) if np.any(moved) else 0.0
 
 
 @dataclass(frozen=True)
