@@ -51,10 +51,10 @@ def incident(key, log, share=0.1, rest=1.0, before=GAP):
     return BlockIncident(key, None, sizes, log, rest, before, None)
 
 
-def evidence(*candidates, incidents=(), gap=GAP, forms=FORMS, healthy=None, places=1, **more):
+def evidence(*candidates, incidents=(), gap=GAP, forms=FORMS, healthy=None, places=1, spread=SAME_MACHINE, **more):
     """Return the evidence of hypotheses beside the healthy machine."""
     healthy = candidate(0.0, rest=gap) if healthy is None else healthy
-    machine = SimpleNamespace(spread=SAME_MACHINE)
+    machine = SimpleNamespace(spread=spread)
     question = SimpleNamespace(forms=forms, incident_forms=Counter({SLEW[0]: 1, CONTACT[0]: places}), machine=machine)
     case = SimpleNamespace(machine=SimpleNamespace(noise=NOISE))
     return HypothesisEvidence(Found(question, case, (healthy, *candidates), tuple(incidents), np.array([gap])), **more)
@@ -129,17 +129,19 @@ def test_a_law_leaves_a_share_of_a_large_gap_but_not_half_of_it(rest, first):
     assert found.posterior[first] > 0.9
 
 
-def test_a_machine_without_effects_that_leaves_a_gap_is_no_healthy_one_except_at_work():
-    """Its noise is usual; what it leaves of the gap beyond 1.3 floors is compared with the error of a law."""
+def test_the_more_a_machine_without_effects_leaves_the_less_is_it_healthy_except_at_work():
+    """Its noise is usual; what counts is its residual beside those by which its own recordings differ."""
 
-    def no_gap(rest, work=None):
-        found = evidence(healthy=candidate(0.0, rest=rest))
+    def no_gap(rest, work=None, spread=SAME_MACHINE):
+        found = evidence(healthy=candidate(0.0, rest=rest), spread=spread)
         return replace(found, found=replace(found.found, work=work)).posterior[NO_GAP]
 
-    limit = float(np.sqrt(1.0 + SAME_MACHINE))
-    assert no_gap(limit) == no_gap(1.0) > 0.9
-    assert no_gap(limit) > no_gap(limit + 0.05) > 0.9 * no_gap(limit)
+    rests = (1.0, 1.3, 1.7, 2.0, 2.5, 3.0, GAP)
+    assert np.all(np.diff([no_gap(rest) for rest in rests]) < 0.0)
+    assert no_gap(1.3) > 0.95
+    assert no_gap(2.5) < 0.2
     assert no_gap(GAP) < 1e-3
+    assert no_gap(2.5, spread=10.0 * SAME_MACHINE) > 0.8
     assert no_gap(GAP, work=SimpleNamespace()) == pytest.approx(no_gap(1.0))
 
 
@@ -167,11 +169,35 @@ def test_an_incident_with_evidence_is_named(key):
 
 
 @pytest.mark.parametrize("key", [UNKNOWN, CONTACT])
-def test_a_transient_that_changes_the_residual_by_no_more_than_a_healthy_machine_does_is_no_gap(key):
-    small = evidence(incidents=[incident(key, 30.0, before=1.2)], gap=1.2, healthy=candidate(0.0, rest=1.2))
-    assert small.first == NO_GAP
-    large = evidence(incidents=[incident(key, 30.0, before=1.8)], gap=1.8, healthy=candidate(0.0, rest=1.8))
-    assert large.first == key
+def test_a_transient_that_leaves_no_more_than_a_healthy_machine_does_is_no_gap(key):
+    def found(before, **more):
+        return evidence(
+            incidents=[incident(key, 30.0, before=before)], gap=before, healthy=candidate(0.0, rest=before), **more
+        )
+
+    assert found(1.2).first == found(1.6).first == NO_GAP
+    assert found(3.0).first == key
+    assert found(3.0, spread=10.0 * SAME_MACHINE).first == NO_GAP
+    assert [found(before).is_transient(found(before).incidents[0]) for before in (1.2, 3.0)] == [True, False]
+
+
+def beside_contact(log, *forms, contact=None):
+    """Return a hypothesis of some forms besides contact in some rows, or besides an incident."""
+    own = candidate(log, *forms, rest=1.0)
+    return replace(own, incident=contact) if contact else replace(own, question=SimpleNamespace(forms=FORMS, laid=()))
+
+
+@pytest.mark.parametrize("contact", [None, incident(CONTACT, 0.0), incident(UNKNOWN, 0.0)])
+def test_an_effect_besides_contact_has_to_be_likelier_than_the_contact_alone(contact):
+    """Rows without contact were searched for effects only: each named the effect by which they had been located."""
+    alone, other = beside_contact(600.0, contact=contact), beside_contact(601.0, 2, contact=contact)
+    incidents = [incident(CONTACT, -5.0)]
+    real = evidence(alone, other, incidents=incidents, healthy=candidate(0.0, rest=3.0))
+    assert real.first == (contact.key if contact else CONTACT)
+    healthy = evidence(alone, other, incidents=incidents, healthy=candidate(0.0, rest=1.4))
+    assert healthy.first == NO_GAP
+    sure = evidence(alone, beside_contact(630.0, 2, contact=contact), healthy=candidate(0.0, rest=1.4))
+    assert sure.first == OTHER
 
 
 def spilt(loads):

@@ -6,6 +6,7 @@ from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
+from scipy.special import logsumexp
 
 from cylforce.diagnosis.constants import (
     CORRELATED_ROWS,
@@ -16,10 +17,10 @@ from cylforce.diagnosis.constants import (
 from cylforce.diagnosis.likelihood import Hypothesis, effective_share
 from cylforce.diagnosis.model import KnowledgeSource
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
-from cylforce.effects.fault import LAW_ERROR
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 from cylforce.signals.estimate import Array
 
+VISIBLE = 2.5**2 - 1.0  # energy of the smallest gap that counts as visible, in squared floors; convention
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
@@ -118,37 +119,68 @@ class HypothesisEvidence:
 
     def prior_of(self, c: Candidate) -> float:
         """Return the log prior probability of a hypothesis."""
+        if self._only_incident(c):
+            return self._log_or_transient(self._log_prior_of_only(c), self.found.healthy.rest)
         if not c.hypothesis.forms:
-            return self._log_prior_of_name if self.only_contact(c) else float(np.log(HEALTHY))
-        more = len(c.hypothesis.forms) - 1 + (c.beside_contact and self.found.work is None)
+            return float(np.log(HEALTHY))
         own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
-        return own + more * float(np.log(SECOND_EFFECT))
+        more = (len(c.hypothesis.forms) - 1) * float(np.log(SECOND_EFFECT))
+        if not self._has_incident(c):
+            return own + more
+        healthy = self.probability_healthy(self.found.healthy.rest)  # of the incident: a transient
+        return own + more + float(np.log(healthy + (1.0 - healthy) * SECOND_EFFECT))
 
     @property
     def _log_prior_of_name(self) -> float:
         return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
 
-    def only_contact(self, c: Candidate) -> bool:
-        """Return whether a hypothesis has contact in some rows, and no effect."""
-        return not c.hypothesis.forms and c.beside_contact and self.found.work is None
+    def _only_incident(self, c: Candidate) -> bool:
+        """Return whether a hypothesis has contact or an incident in some rows, and no effect."""
+        return not c.hypothesis.forms and self._has_incident(c)
 
-    def _key_without_effect(self, c: Candidate) -> Key:
-        """Return the answer for a hypothesis without effects: no gap, contact, or unknown."""
-        contact = next((i.key for i in self.incidents if i.key[0] == CONTACT), None)
-        if not self.only_contact(c) or not self.has_gap:
-            return NO_GAP
-        return contact or UNKNOWN
+    def _has_incident(self, c: Candidate) -> bool:
+        """Return whether a hypothesis has contact or an incident in some rows that is not the machine's work."""
+        return c.beside_contact and self.found.work is None
+
+    def _log_prior_of_only(self, c: Candidate) -> float:
+        """Return the log prior probability of a hypothesis of only an incident that is no transient."""
+        return self._log_prior_of_real(c.incident) if c.incident else self._log_prior_of_name
+
+    def _key_of_only(self, c: Candidate) -> Key:
+        """Return the answer for a hypothesis of only an incident that is no transient.
+
+        Contact is unknown if it is withdrawn or not wanted.
+        """
+        if c.incident and c.incident.key not in self.withdrawn:
+            return c.incident.key
+        return next((i.key for i in self.incidents if i.key[0] == CONTACT), UNKNOWN)
 
     def prior_of_incident(self, i: BlockIncident | Spill) -> float:
         """Return the log prior probability of an incident of single blocks; a healthy machine has transients, too."""
-        if self._is_transient(i):
-            return float(np.log(HEALTHY))
+        return self._log_or_transient(self._log_prior_of_real(i), i.before)
+
+    def _log_prior_of_real(self, i: BlockIncident | Spill) -> float:
+        """Return the log prior probability of an incident that is no transient."""
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / 2.0 / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
         name = self._log_prior_of_name
         if isinstance(i, Spill):  # evidence of each load by itself, but a model error of the work is common to them
             return name + effective_share(i.rest) * i.odds
         return name - float(np.log(self.found.question.incident_forms[i.key[0]]))
+
+    def _log_or_transient(self, real: float, before: float) -> float:
+        """Return the log prior probability that something is real or a transient of a healthy machine.
+
+        real:   log prior probability that it is real
+        before: residual if it is not removed, in noise floors
+        """
+        healthy = self.probability_healthy(before)
+        return float(logsumexp([np.log(HEALTHY), real], b=[healthy, 1.0 - healthy]))
+
+    def _transient_share(self, real: float, before: float) -> float:
+        """Return the probability that something is a transient and not real; arguments as above."""
+        share = HEALTHY * float(np.exp(-self._log_or_transient(real, before)))
+        return share * self.probability_healthy(before)
 
     # Posterior
 
@@ -161,6 +193,19 @@ class HypothesisEvidence:
     def has_gap(self) -> bool:
         """True where the gap is larger than between two recordings of a healthy machine."""
         return self.gap**2 - 1.0 > self.same_machine
+
+    def probability_healthy(self, residual: float) -> float:
+        """Return the probability that a residual is a healthy machine's, not one of a cause that the library lacks.
+
+        The energy beyond the noise floor is distributed exponentially on healthy machines, with the energy by which
+        two recordings differ as mean. That of other causes has a broad distribution, from nothing to well beyond the
+        smallest visible gap.
+        residual: at the worst joint, in noise floors
+        """
+        energy = max(residual**2 - 1.0, 0.0)
+        healthy = HEALTHY / self.same_machine * float(np.exp(-energy / self.same_machine))
+        other = UNKNOWN_EFFECT * 2.0 * VISIBLE * energy / (energy + VISIBLE) ** 3
+        return healthy / (healthy + other)
 
     @property
     def same_machine(self) -> float:
@@ -198,19 +243,19 @@ class HypothesisEvidence:
     def lawful(self, c: Candidate) -> float:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
 
-        A residual is healthy only if it exceeds the floor by no more than those of healthy recordings do, or than the
-        error of a law. This does not hold at work, whose model error references do not show. The probability is 1 for
+        At work its level does not count, as references do not show the model error of work. The probability is 1 for
         effects that leave at most one noise floor, whatever the noise: a cause that the library lacks, but that looks
         like one of its effects, counts as that effect.
         """
-        healthy, left = self.usual(c.hypothesis), max(c.rest**2 - 1.0, 0.0)
-        forms, law = c.hypothesis.forms, LAW_ERROR
-        if forms:
-            main = self.main(c)
-            law = max(c.question.forms[p].torque_error for p in forms if c.key(p) == main)
-        if self.found.work is None and left > self.same_machine:
-            healthy *= self._error_of_law(left - self.same_machine, law)
-        return healthy + (1.0 - healthy) * self._error_of_law(left, law) if forms else healthy
+        healthy = self.usual(c.hypothesis)
+        if self.found.work is None:
+            healthy *= self.probability_healthy(c.rest)
+        forms = c.hypothesis.forms
+        if not forms:
+            return healthy
+        main = self.main(c)
+        law = max(c.question.forms[p].torque_error for p in forms if c.key(p) == main)
+        return healthy + (1.0 - healthy) * self._error_of_law(max(c.rest**2 - 1.0, 0.0), law)
 
     def _error_of_law(self, left: float, law: float) -> float:
         """Return the probability that a residual is the error of a law that made the gap.
@@ -229,32 +274,35 @@ class HypothesisEvidence:
 
         - Weight of a hypothesis goes to the unknown cause as far as its residual is neither a healthy one nor the error
           of its law.
-        - Weight of an incident goes to no gap if it is a transient.
-        - A hypothesis of contact alone in some rows counts as contact, as unknown if that is withdrawn or not wanted;
-          without a gap as no gap.
+        - Weight of an incident goes to no gap as far as it is a transient; so does that of contact alone in some rows.
         - Without a gap, the unknown cause's probability goes to no gap.
         """
         found: dict[Key, float] = {NO_GAP: 0.0, UNKNOWN: 0.0}
+
+        def add(key: Key, weight: float) -> None:
+            found[key] = found.get(key, 0.0) + weight
+
         for c, weight in zip(self.candidates, self.weights.candidates, strict=True):
             lawful = self.lawful(c)
-            key = self.main(c) if c.hypothesis.forms else self._key_without_effect(c)
-            found[key] = found.get(key, 0.0) + weight * lawful
-            found[UNKNOWN] += weight * (1.0 - lawful)
+            add(UNKNOWN, weight * (1.0 - lawful))
+            if self._only_incident(c):
+                transient = self._transient_share(self._log_prior_of_only(c), self.found.healthy.rest)
+                add(NO_GAP, weight * lawful * transient)
+                add(self._key_of_only(c), weight * lawful * (1.0 - transient))
+            else:
+                add(self.main(c) if c.hypothesis.forms else NO_GAP, weight * lawful)
         for i, weight in zip(self.incidents, self.weights.incidents, strict=True):
-            key = self.key_of(i)
-            found[key] = found.get(key, 0.0) + weight
+            transient = self._transient_share(self._log_prior_of_real(i), i.before)
+            add(NO_GAP, weight * transient)
+            add(i.key, weight * (1.0 - transient))
         if not self.has_gap:
             found[NO_GAP], found[UNKNOWN] = found[NO_GAP] + found[UNKNOWN], 0.0
         whole = sum(found.values())
         return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
 
-    def _is_transient(self, i: BlockIncident | Spill) -> bool:
-        """Return whether the residual is a healthy machine's although the incident is not removed."""
-        return i.before**2 - 1.0 <= self.same_machine
-
-    def key_of(self, i: BlockIncident | Spill) -> Key:
-        """Return the answer for an incident: a transient of a healthy machine is no gap."""
-        return NO_GAP if self._is_transient(i) else i.key
+    def is_transient(self, i: BlockIncident | Spill) -> bool:
+        """Return whether an incident is rather a healthy machine's transient than real."""
+        return self._transient_share(self._log_prior_of_real(i), i.before) > HALF
 
     @property
     def first(self) -> Key:

@@ -1168,7 +1168,8 @@ def examined(
     first = max([*alone, *_likeliest_beside(question, case, best, wanted)], key=lambda i: i.log, default=None)
     if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
         held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
-        candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms]
+        own = not any(first is i for i in alone)
+        candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms or own]
     if not without_gap(np.array([min(c.rest for c in candidates)]))[0]:
         single = [h for h in hypotheses if len(h.forms) == 1]
         for base in sorted(single, key=lambda h: -h.log)[:1]:
@@ -1196,11 +1197,11 @@ def _likeliest_beside(
 def _beside_contact(
     question: FieldQuestion, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
 ) -> list[Candidate]:
-    """Return hypotheses without the rows with contact, located by a hypothesis of one effect."""
+    """Return hypotheses without the rows with contact, located by a hypothesis of one effect; one has no effect."""
     outside = _without_contact(question, case.under(base.forms, case.state(base.noise))[2])
     if outside is None:
         return []
-    return [Candidate(h, outside[0]) for h in searched(outside[1], allowed) if h.forms]
+    return [Candidate(h, outside[0]) for h in searched(outside[1], allowed)]
 
 
 def _without_contact(question: FieldQuestion, coefficients: Array) -> tuple[FieldQuestion, Likelihood] | None:

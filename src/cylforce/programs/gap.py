@@ -12,7 +12,7 @@ from cylforce.diagnosis import diagnose as diagnosed
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import with_proposals
 from cylforce.diagnosis.regressors import Regressors
-from cylforce.diagnosis.search import NO_GAP, BlockIncident, Key
+from cylforce.diagnosis.search import BlockIncident, Key
 from cylforce.effects.incidents.clock_fault import ClockFault as ClockEffect
 from cylforce.effects.library import LIBRARY, UNKNOWN, Group, Proposal
 from cylforce.estimation.model import Model
@@ -257,7 +257,7 @@ def _beside(found: Diagnosis) -> tuple[float, Key | None]:
     best = max(evidence.candidates, key=lambda c: strength * c.log + evidence.prior_of(c))
     if best.hypothesis.forms and best.incident is not None:
         return block_s * float(np.sum(best.incident.sizes > 0.0)), best.incident.key
-    alone = [i for i in evidence.incidents if isinstance(i, BlockIncident) and evidence.key_of(i) == NO_GAP]
+    alone = [i for i in evidence.incidents if isinstance(i, BlockIncident) and evidence.is_transient(i)]
     first = max(alone, key=lambda i: i.log, default=None)
     healthy = evidence.found.healthy.log
     if first is None or found.verdict is not Verdict.NO_GAP or first.log < healthy:
