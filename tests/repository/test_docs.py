@@ -88,7 +88,7 @@ def test_the_frames_of_zero_and_tare_are_obeyed(what: str, frame: str) -> None:
     ("verdict", "request_hex", "code"),
     [
         (commands.NOT_NOW, "232561017A65726F", "0800 0022h"),
-        (commands.TOO_FAR, "232561017A65726F", "0609 0030h"),
+        (commands.OUT_OF_RANGE, "232561017A65726F", "0609 0030h"),
         (commands.WRONG_VALUE, "2325610100000000", "0609 0030h"),
         (None, "2B2561017A650000", "0607 0010h"),
         (None, "2125610105000000", "0800 0020h"),

@@ -245,7 +245,10 @@ class TestChoice:
     def test_a_number_that_is_none_is_refused_in_words(self, core):
         state, out = self.chosen(core, 2)
         assert state.tool == "standard"
-        assert (out.verdict, out.words) == (commands.TOO_FAR, "attachment refused: 2 is none of 0 standard, 1 grab")
+        assert (out.verdict, out.words) == (
+            commands.OUT_OF_RANGE,
+            "attachment refused: 2 is none of 0 standard, 1 grab",
+        )
 
     def test_the_choice_survives_a_restart(self, core):
         state, _ = self.chosen(core, 1)

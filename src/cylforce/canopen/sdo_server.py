@@ -64,7 +64,7 @@ class SdoServer(server.SdoServer):
         self._buffer: bytearray | None = None  # bytes of a segmented transfer; None: none is in progress
         self._size: int | None = None  # announced length of a download; None: not announced
         self._download = False  # direction of the segmented transfer
-        self._last_us = 0  # time of its last request
+        self._last_us = 0  # time of its last request [us]
 
     def on_request(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Answer one request, with an abort where it is refused. A client's abort ends the transfer.
@@ -81,13 +81,17 @@ class SdoServer(server.SdoServer):
             self.abort(error.code)
 
     def _answer(self, data: bytearray) -> None:
-        """Answer a request by its command specifier. Raises SdoAbortedError."""
+        """Answer a request by its command specifier. Raises SdoAbortedError.
+
+        data: of the request; a client's abort has been handled by `on_request`
+        """
         if len(data) != 8:
             raise SdoAbortedError(COMMAND)
         if data[0] & 0xE0 in (0x20, 0x40):
             self._buffer = None
             index, sub = _HEAD.unpack_from(data)[1:]
-            self._at = self._index, self._subindex = (index, sub)
+            self._at = (index, sub)
+            self._index, self._subindex = index, sub
             begin = self.init_upload if data[0] & 0xE0 == 0x40 else self.init_download
             begin(data)
             self._last_us = self._owner.t_us

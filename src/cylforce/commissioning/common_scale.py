@@ -15,12 +15,11 @@ from cylforce.estimation.batch import Fit, least_squares
 from cylforce.estimation.blocks import Factors, beside
 from cylforce.estimation.model import ABSOLUTE, Model
 from cylforce.estimation.priors.prior import Prior
-from cylforce.mechanics.machine import base_parameter_spread
+from cylforce.mechanics.machine import TOLERANCE_OVER_ERROR, base_parameter_spread
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
 UNKNOWN = 1000.0  # prior standard error of the scale: uninformative
-UNIFORM = 3.0**0.5  # a tolerance over its standard error: it is the half-width of a uniform distribution (GUM 4.3.7)
 FORCES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)  # signals that have the common scale
 CHECKED = "unit (bar, psi, MPa), range and decimal digits (CiA 404: 6132h) of all pressure sensors"
 # Measured over true pressure when a unit or a decimal digit is mistaken: 1 bar is 14.504 psi. In "A for B" the sensor
@@ -118,13 +117,16 @@ def _worst_tolerances(model: Model, fit: Fit, prior: Prior) -> float:
     """
     spread = base_parameter_spread(model.machine.links)
     change = fit.covariance[-1] @ np.linalg.inv(prior.covariance)
-    return float(UNIFORM * np.sum(np.abs(change[: len(spread)] @ spread)))
+    return float(TOLERANCE_OVER_ERROR * np.sum(np.abs(change[: len(spread)] @ spread)))
 
 
 def rescaled(model: Model, values: Array, factor: float) -> Array:
     """Return samples with all pressures and force pins (FORCES) divided by a factor; the others are unchanged.
 
+    This tries the correction of a common scale.
+
     values: (T, S) samples [SI], not changed
+    factor: measured over true force
     """
     changed = values.copy()
     changed[:, [s.kind in FORCES for s in model.machine.signals]] /= factor

@@ -337,29 +337,30 @@ def _undetermined(model: Model, fit: Fit) -> tuple[str, ...]:
     return tuple(p.name for p, is_weak in zip(model.parameters, weak, strict=True) if is_weak)
 
 
-def attachment_prior(common: Tares, standard: Model, other: Model) -> Prior:
+def attachment_prior(identified: Tares, standard: Model, other: Model) -> Prior:
     """Return the prior of the machine with another tool before it moves.
 
-    It combines the identified arm and the tool's data sheet. Each Coulomb and viscous friction may have changed by the
-    share by which it differs between strokes (`EXPECTED`).
+    It combines the identified arm and the tool's data sheet (`with_tool`). Each Coulomb and viscous friction may also
+    have changed, independently of the others, with the standard error `EXPECTED.friction` (a chosen share) times its
+    identified value.
 
-    common: tares identified with the standard tool
+    identified: tares identified with the standard tool
     standard, other: model with the standard tool and with the other tool
     """
-    known = with_tool(common, standard, other)
+    known = with_tool(identified, standard, other)
     changes = np.zeros(len(known.values))
     changes[other.changing_friction] = EXPECTED.friction * known.values[other.changing_friction]
     return Prior(known.values, known.covariance + np.diag(changes**2))
 
 
 def identify_attachment(
-    common: Tares, standard: Model, other: Model, segments: Iterable[Array], *, refuse: bool = True
+    identified: Tares, standard: Model, other: Model, segments: Iterable[Array], *, refuse: bool = True
 ) -> Identification:
     """Identify the tares of the machine with another tool from gapless segments of samples (T, S) of the empty machine.
 
-    Both models have the friction laws of `common`. Raises ValueError, in a sentence, as `identify`.
+    Both models have the friction laws of `identified`. Raises ValueError, in a sentence, as `identify`.
 
-    common: tares identified with the standard tool
+    identified: tares identified with the standard tool
     standard, other: model with the standard tool and with the other tool
     refuse: as in `identify`
     """
@@ -370,13 +371,13 @@ def identify_attachment(
     sentence = refusal_sentence(other, whole, evidence[0]) if refuse else None
     if sentence is not None:
         raise ValueError(sentence)
-    prior = attachment_prior(common, standard, other)
+    prior = attachment_prior(identified, standard, other)
     fit = least_squares(factors, row_noise(factors, prior), prior)
     measured = np.sum(factors.samples, axis=0) > 0
-    tares = common._replace(
+    tares = identified._replace(
         values=fit.values,
         covariance=extrapolated_covariance(other, fit.covariance),
-        row_error=np.where(measured, np.maximum(fit.row_error, 1e-3 * common.row_error), common.row_error),
+        row_error=np.where(measured, np.maximum(fit.row_error, 1e-3 * identified.row_error), identified.row_error),
     )
     return Identification(
         model=other,

@@ -189,7 +189,7 @@ class JointLaw(Fault, Protocol):
         """Return the additional torques (T, N) [N m] that the cylinders supply, per unit of size, along a motion.
 
         t:     (T,) time since the start of the recording [s]
-        where: number of the cylinder or link (see `places`)
+        where: number (from 0) of the cylinder or link; 0 for the whole machine (see `places`)
         """
         ...
 
@@ -205,7 +205,7 @@ class Distortion(Fault, Protocol):
 
         values: (T, S) signals without the error [SI]
         t:      (T,) time since the start of the recording [s]
-        where:  number of the signal, link or cylinder that has the error (see `places`)
+        where:  number (from 0) of the signal, link or cylinder with the error; 0 for the whole machine (see `places`)
         size:   of the error, in the unit of `about`
         """
         ...
@@ -218,7 +218,7 @@ class Alteration(Fault, Protocol):
     def altered(self, machine: Machine, where: int, size: float) -> Machine:
         """Return the machine with an error of `size`; the same object where the machine lacks the component.
 
-        where: number of the link (see `places`)
+        where: number (from 0) of the link (see `places`)
         size:  of the error, in the unit of `about`
         """
         ...
@@ -243,7 +243,7 @@ class MassChange(Fault, Protocol):
 
         The rows are J [kg m^2], X and Z [kg m] of the first of N links, then those of the second one, and so on.
 
-        where: number of the link
+        where: number (from 0) of the link
         """
         ...
 
@@ -344,7 +344,8 @@ def acting(law: ForceLaw | JointLaw, machine: Machine, moving: Motion, t: Array,
     """Return the torques (T, N) [N m] that the cylinders supply in addition, per unit of a law's size.
 
     t:     (T,) time since the start of the recording [s]
-    where: number of the cylinder of a force law; of the cylinder or link of a torque law (see `places`)
+    where: number (from 0) of the cylinder of a force law; of the cylinder or link of a torque law, 0 for the whole
+           machine (see `places`)
     """
     if isinstance(law, JointLaw):
         return law.torque(machine, moving, t, where)

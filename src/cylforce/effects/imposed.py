@@ -353,7 +353,9 @@ def base_motions(effects: Sequence[Imposed]) -> list[tuple[BaseMotion, Imposed]]
 
 
 def distorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: Array) -> Array:
-    """Return the signals (T, S) with all sensor and clock errors among `effects`, at times t (T,) [s] of the run.
+    """Return the signals (T, S) [SI] with all sensor and clock errors among `effects`, at times t (T,) [s] of the run.
+
+    The errors act one after the other, in the order of `effects`. A clock error delays all pressures and force pins.
 
     values: (T, S) signals without these errors [SI]; the same object is returned where there are none
     """
@@ -381,8 +383,10 @@ def undistorted(machine: Machine, effects: Sequence[Imposed], values: Array, t: 
 
 
 def _late(machine: Machine, values: Array, t: Array, incident: Imposed) -> Array:
-    """Return the signals (T, S) with all pressures and force pins delayed by sizes[0] + sizes[1] (t - begin) [s].
+    """Return the signals (T, S) [SI] with all pressures and force pins delayed by sizes[0] + sizes[1] (t - begin) [s].
 
+    values:   (T, S) signals without the delay [SI]
+    t:        (T,) times of the run [s]
     incident: a clock fault, with its delay at the begin [s] and its growth [s/s]
     """
     found, late = values.copy(), incident.sizes[0] + incident.sizes[1] * np.maximum(t - incident.begin, 0.0)

@@ -201,8 +201,8 @@ class Channels:
     def between(self, four: Array) -> Moved:
         """Return the motion in the middle of four consecutive samples, and which cylinders' forces can be used.
 
-        The values are their mean with the weights 1, 3, 3, 1, which completes the low-pass `smooth`; the rates are
-        their slope.
+        The values are their mean with the weights (1, 3, 3, 1)/8, which completes the low-pass `smooth`. The rates are
+        (last - first)/(3 dt). Lever and speed of an unusable cylinder are 0.
 
         four: (4, ..., D) channels after `smooth`: joint angles [rad], cylinder forces [N], attitude
         """
@@ -265,7 +265,7 @@ class Channels:
         return np.asarray(clear & (moving.length > low) & (moving.length < high))
 
     def run(self, values: Array) -> Moved:
-        """Return the motion in the T-1 intervals between the samples of a recording.
+        """Return the motion in the T-1 intervals between the samples of a recording, and which forces can be used.
 
         values: (T, S) samples of all signals [SI], without gaps
         """

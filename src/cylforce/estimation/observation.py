@@ -32,10 +32,10 @@ class Observed(NamedTuple):
     torque:  (T, R) [N m]; NaN where a row is not usable
     posture: (T, N) joint angles [rad]
     speed:   (T, C) of the cylinders [m/s]
-    tool:    (T, R, 3) columns of a force and a moment at the tool
+    tool:    (T, R, 3) columns of a force forwards, a force upwards and a moment at the tool
     noise:   (T, R, P+4) change of columns, tool columns and torque by noise as strong as the sensors'
     certain: (T, R) whether the direction of friction is known well enough for the row to be fitted
-    zero:    (T, R, C) columns of the pressures' zero errors
+    zero:    (T, R, C) columns of the zero error of each cylinder's pressures
     """
 
     columns: Array
@@ -114,9 +114,11 @@ def unusable(model: Model, moved: Moved) -> NDArray[np.bool_]:
 def noise_like(values: Array, first: int) -> Array:
     """Return white noise (T, S) [SI] as strong as that of samples, the same at every call.
 
-    Its size at each step is the standard deviation of the sensor's noise, from the third differences of the samples, in
-    which smooth motion vanishes: the rms of NEAR of them around the step, over sqrt(20), each cut off at the quantile
-    NOISE_SHARE. Its signs are a maximal-length sequence, a different part of it for each signal.
+    Added to the samples, it shows how much sensor noise changes columns and torque (`_noise`). Each value is plus or
+    minus the standard deviation of the sensor's noise at that step. This deviation follows from the third differences
+    of the samples, in which smooth motion vanishes: the rms of NEAR of them around the step, each cut off at the
+    quantile NOISE_SHARE, over sqrt(1 + 9 + 9 + 1). The signs are a maximal-length sequence, a different part of it for
+    each signal.
 
     values: (T, S) samples of all signals [SI]
     first:  step of the recording at which they begin, so that each step has its own place in the sequence
@@ -151,8 +153,7 @@ def _stays(bad: Array, steps: int) -> Array:
 def block_factors(model: Model, observed: Observed, *, noisy: bool = True) -> Factors:
     """Return the triangular factors of a stretch in blocks of BLOCK_SECONDS.
 
-    The columns are those of the P parameters, three of the tool and C of the pressures' zero errors, whose noise is
-    neglected. The marks are in the order of `observed_factors`.
+    Columns and marks are in the order of `observed_factors`.
 
     observed: filtered rows of the stretch
     noisy:    whether `observed.noise` is used; False: taken as zero
@@ -174,7 +175,7 @@ def _marks(observed: Observed) -> Array:
     """Return the marks (T, N + 3 C + 2 R) of each sample: figures that describe what the machine does in a block.
 
     In this order: joint angles (N) [rad]; absolute speed (C) of the cylinders [m/s]; 1 where each extends (C); 1 where
-    each retracts (C); torque (R) [N m], 0 where the row is not fitted; 1 where the row is fitted (R)."""
+    each retracts (C); measured torque (R) [N m], 0 where the row is not fitted; 1 where the row is fitted (R)."""
     ways = (observed.speed > MOVING, observed.speed < -MOVING)
     fitted = observed.certain & np.isfinite(observed.torque) & np.all(np.isfinite(observed.columns), axis=-1)
     torque = (np.where(fitted, observed.torque, 0.0), fitted)
@@ -187,19 +188,19 @@ def observed_factors(model: Model, segments: Iterable[Array], *, noisy: bool = T
     A block has BLOCK_SECONDS; of a recording with more than MOST_BLOCKS neighbouring blocks are merged.
 
     segments: stretches of samples (T, S) of all signals [SI] without gaps
+    noisy:    whether the sensors' noise is estimated; False: taken as zero, in half the time
 
-    The columns are those of the P parameters, the three of the tool and those of the C pressures' zero errors, whose
-    noise is neglected. The marks of a block are, in this order:
+    The columns are those of the P parameters, three of a force forwards, a force upwards and a moment at the tool, and
+    one per cylinder (C) of its pressures' zero error. The noise of the last C is taken as zero. The marks of a block
+    are, in this order:
     posture (N):    mean [rad]
     speed (C):      mean absolute speed of the cylinders [m/s]
     extending (C):  share of time in which they extend
     retracting (C): share of time in which they retract
-    torque (R):     mean fitted torque [N m], zero where a row is not fitted
+    torque (R):     mean of the measured torque [N m], which counts as 0 where its row is not fitted
     fitted (R):     share of time in which a row is fitted
 
     Raises TooShortError with a sentence when no segment is long enough.
-
-    noisy: whether the sensors' noise is estimated; False: taken as zero, in half the time
     """
     step = int(CHUNK_SECONDS * model.filters.rate_hz)
     stretches = (observe(model, piece, k * step, noisy=noisy) for k, piece in enumerate(chunks(model, segments)))

@@ -45,6 +45,8 @@ class MotionTable:
 def write_motion(path: Path, table: MotionTable, joints: Sequence[str]) -> None:
     """Write a motion, times to 1 ms, angles to 1e-6 rad. Raises RecordingError when the disk refuses.
 
+    After the comments come the header t_s, JOINT_rad, ..., slew_rad and a row for each time.
+
     joints: (N,) names of the joints
     """
     header = [TIME, *(f"{name}{SUFFIX}" for name in joints), f"{SLEW}{SUFFIX}"]

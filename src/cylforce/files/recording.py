@@ -148,10 +148,10 @@ def sensor_frames(recording: Events | Table | Iterable[Table], service: Service)
 
 
 def as_frames(table: Table, pdos: Sequence[Pdo]) -> Iterator[Frame]:
-    """Yield a table's samples in the sensors' PDOs: each at its period, synchronous ones every `sync` rows.
+    """Yield a table's samples in the sensors' PDOs: each at its period, but at most once a row.
 
-    The table has two rows or more, evenly spaced. NaN, and signals that the table does not have, become the PDO's "no
-    value". A frame's time is its row's.
+    Synchronous PDOs come every `sync` rows: each row counts as a SYNC. The table has two rows or more, evenly spaced.
+    NaN, and signals that the table does not have, become the PDO's "no value". A frame's time is its row's.
     """
     return _pieces_as_frames([table], pdos, round((table.t_s[1] - table.t_s[0]) * 1e6))
 

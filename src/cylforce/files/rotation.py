@@ -14,7 +14,7 @@ class Rotation(NamedTuple):
     """A log of limited size.
 
     size: bytes after which a new file begins
-    keep: number of older files that are kept; NAME.NUMBER.log, the lowest number is the oldest
+    keep: number of older files that are kept; the lowest number (see `opened`) is the oldest
     """
 
     size: int
@@ -24,9 +24,9 @@ class Rotation(NamedTuple):
 def opened(path: Path, rotation: Rotation | None) -> FileIO:
     """Return a new, empty file of this name, open for writing. Raises OSError.
 
-    An earlier log of this name, unless it is empty, is kept as NAME.NUMBER.log with the next number, because the log
-    before a crash is the one of interest. With a rotation only `keep` earlier logs are kept: the oldest ones are
-    deleted.
+    An earlier log of this name, unless it is empty, is kept with the next number before its suffix, as NAME.3.log of
+    NAME.log, because the log before a crash is the one of interest. With a rotation only `keep` earlier logs are kept:
+    the oldest ones are deleted.
     """
     earlier = earlier_files(path)
     if path.is_file() and path.stat().st_size:

@@ -56,20 +56,24 @@ class _Strays:
 
     def __init__(self, name: str, report: Report) -> None:
         self._name, self._report, self._count = name, report, 0
-        self._first_us = self._ahead_us = 0  # of the first one: its stamp, and that less the stamp before it [us]
+        self._first_us = self._offset_us = 0  # of the first one: its stamp, and that less the stamp before it [us]
 
     def add(self, frames: Sequence[Frame | Sent], newest_us: int) -> None:
-        """Count frames that were omitted; `newest_us`: latest stamp before them [us]."""
+        """Count frames that were omitted.
+
+        frames:    one or more
+        newest_us: latest stamp before them [us]
+        """
         if not self._count:
-            self._first_us, self._ahead_us = frames[0].t_us, frames[0].t_us - newest_us
+            self._first_us, self._offset_us = frames[0].t_us, frames[0].t_us - newest_us
         self._count += len(frames)
 
     def report(self) -> None:
         """Report them, at the recording's end."""
         if self._count:
-            way = "ahead of" if self._ahead_us > 0 else "behind"
+            way = "ahead of" if self._offset_us > 0 else "behind"
             self._report(
-                f"{self._name}: frames stamped {abs(self._ahead_us) / 1e6:.6g} s {way} the frames beside them, the "
+                f"{self._name}: frames stamped {abs(self._offset_us) / 1e6:.6g} s {way} the frames beside them, the "
                 f"first at {self._first_us / 1e6:.6f} s, were left out: {self._count}; their stamps are wrong"
             )
 

@@ -126,7 +126,10 @@ class Linkages:
         return [part.start for part in self._pins_of_linkage]
 
     def stretch(self, at: Pose) -> Stretch:
-        """Return lengths (..., C) [m], gradients (..., C, N) [m/rad] and transmissions (..., C) at a pose."""
+        """Return lengths (..., C) [m], gradients (..., C, N) [m/rad] and transmissions (..., C) at a pose.
+
+        NaN where a linkage cannot be closed.
+        """
         pins = points(at, fixed(self._pins, at.turn.shape[-1] - 1))
         with np.errstate(divide="ignore", invalid="ignore"):  # infinite or NaN at and beyond a dead point
             eye, transmission = self._driven(pins)
@@ -136,11 +139,13 @@ class Linkages:
         return Stretch(length, gradient, transmission)
 
     def _driven(self, pins: Point) -> tuple[Point, Array]:
-        """Return the eyes (rod ends) and the transmissions (..., C) of all linkages; NaN where one cannot be closed.
+        """Return the eyes (rod ends) and the transmissions (..., C) of all linkages.
 
-        A transmission is a sine, as in `Stretch`. An eye has a place (..., C) [m] and a gradient (..., C, N) [m/rad].
+        Eyes are places (..., C), x + i z in chassis axes from the first pin [m], and gradients (..., C, N) [m/rad]. A
+        transmission is a sine, as in `Stretch`; 1 without a linkage. Where a linkage cannot be closed, its three values
+        are NaN; at a dead point only its gradient is infinite or NaN.
 
-        pins: places (..., K) [m] of the pins of all linkages, one after the other, and their gradients (..., K, N)
+        pins: of all linkages, one after the other: places (..., K) [m] and gradients (..., K, N) [m/rad]
         """
         shape, joints = (*pins.place.shape[:-1], len(self.linkages)), pins.gradient.shape[-1]
         eye, transmission = Point(np.empty(shape, complex), np.empty((*shape, joints), complex)), np.empty(shape)
@@ -218,11 +223,11 @@ class FourBar(Linkage):
 
         pins: places (..., 3) [m] of foot, rocker pin and link pin, and their gradients (..., 3, N) [m/rad]
         """
-        arm, spin, sine = self._turned(pins)
+        arm, spin, cross = self._turned(pins)
         eye = self.eye * arm
         gradient = pins.gradient[..., 1, :] + 1j * eye[..., None] * spin
         place = pins.place[..., 1] + eye
-        return Eye(place, gradient, np.abs(sine) / (self.rocker_length * self.link_length))
+        return Eye(place, gradient, np.abs(cross) / (self.rocker_length * self.link_length))
 
     def eye_of(self, places: Sequence[complex], moved: Sequence[complex]) -> tuple[complex, complex]:
         """Return the eye's place [m] and its derivative by one joint angle [m/rad], as `driven`, for one pose.
@@ -266,9 +271,9 @@ class FourBar(Linkage):
         apart = pins.gradient[..., 2, :] - pins.gradient[..., 1, :]
         arm = self.arm(link - rocker)
         bar = arm - (link - rocker)  # link pin -> rocker end
-        sine = _cross(arm, bar)
+        cross = _cross(arm, bar)
         # both lengths are constant: end' = rocker' + i arm spin, and bar is perpendicular to end' - link'
-        return arm, _dot(bar[..., None], apart) / sine[..., None], sine
+        return arm, _dot(bar[..., None], apart) / cross[..., None], cross
 
     def arm(self, base: Complex) -> Complex:
         """Return the vector from rocker pin to rocker end, on the given `side` of `base`; NaN where the circles do not

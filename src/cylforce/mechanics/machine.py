@@ -17,6 +17,7 @@ from cylforce.signals.kinds import Kind, Signal
 from cylforce.signals.units import STANDARD_GRAVITY
 
 FORCE_KINDS = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
+TOLERANCE_OVER_ERROR = 3.0**0.5  # tolerance over standard error: half-width of a uniform distribution (GUM 4.3.7)
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,8 +104,9 @@ def rocker_points(at: LinkMotion, bars: FourBar) -> tuple[MovingPoint, MovingPoi
     """Return the motion of two points: the pin of a four-bar's rocker, and the rocker's end. NaN where the linkage
     cannot be closed.
 
-    The link keeps its length, so that bar . base' = sine spin, with bar the vector from the link's pin to the rocker's
-    end, base from the rocker's pin to the link's, sine = arm x bar, and spin the rocker's rotation by a joint's angle.
+    The link keeps its length, so that bar . base' = cross spin, with bar the vector from the link's pin to the rocker's
+    end, base from the rocker's pin to the link's, arm from the rocker's pin to its end, cross = arm x bar [m^2], and
+    spin the derivative of the rocker's angle by a joint's.
 
     at: motion of the links
     """

@@ -69,7 +69,10 @@ class Unwrapping:
         return tuple(self._sensors(j, needed=j < last) for j in range(self.machine.size))
 
     def _sensors(self, j: int, *, needed: bool) -> JointSensors:
-        """Return the sensors of joint j.
+        """Return the sensors of joint j: its encoder and its link's inclinometer.
+
+        If it has neither and `needed`, also the measured length of a cylinder that acts on this joint only, with a
+        table of the joint's angle by that length.
 
         needed: whether a link farther out has an inclinometer, for which the angle of this joint must be known
         """

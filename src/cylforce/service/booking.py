@@ -240,8 +240,9 @@ class Bookings(Estimator):
     missed:      loads that are not booked
     measured_us: time of the last measurement [us]; None: none yet
     remembered:  whether the candidate is from before an interruption, so that its load may have left the bucket
-    withheld:    whether bookings wait, because the monitor has evidence of a sensor fault
-    probable:    errors of the signals; None: not known
+    withheld:    whether bookings wait, because the monitor has weak evidence of a sensor fault, or a suspicion that
+                 the next motion in the air decides
+    probable:    errors of the signals [bar over the head area, rad]; None: not known
     unconfirmed: whether the parameters may be another machine's
     """
 

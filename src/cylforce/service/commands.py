@@ -9,7 +9,7 @@ from cylforce.service.loading.truck import (
     DONE,
     LARGEST_TARGET,
     NOT_NOW,
-    TOO_FAR,
+    OUT_OF_RANGE,
     Ruling,
     Truck,
     add_bucket,
@@ -34,7 +34,7 @@ ADD = 13  # the one that adds a bucket by hand
 PART, TRAILER = 14, 15  # the sub-indices that begin the next part of the truck (its trailer), and set its target
 COMMANDS = (TARGET, PRODUCT, NEXT, CANCEL, ACCEPT, ADD, PART, TRAILER)
 KG = 0.1  # kg, of the target's integer
-WRONG_VALUE = 0x06090030  # SDO abort code as TOO_FAR: the written value is not the signature
+WRONG_VALUE = 0x06090030  # SDO abort code as OUT_OF_RANGE: the written value is not the signature
 FOUR_BYTES = (0x22, 0x23, 0x26, 0x2A, 0x2E)  # expedited download without size, or with size 4 (CiA 301)
 ZERO_RANGE = 0.02  # times the rated payload: a larger zero would hide a fault; chosen
 
@@ -150,7 +150,7 @@ def obey(command: ScaleCommand, scale: Scale, mass: Quantity, rated: float) -> t
         words = (
             f"the weight is {mass.value:.1f} kg, the limit +-{limit:.1f} kg ({100 * ZERO_RANGE:.0f} % of rated payload)"
         )
-        return scale, Answer(TOO_FAR, f"zero refused: {words}: empty the tool, or find what else is wrong")
+        return scale, Answer(OUT_OF_RANGE, f"zero refused: {words}: empty the tool, or find what else is wrong")
     return Scale(mass.value), Answer(DONE, f"zero set to {mass.value:.1f} kg, tare to 0.0 kg")
 
 
@@ -197,7 +197,7 @@ def chosen_tool(number: int, tools: tuple[str, ...], present: str) -> tuple[str,
     """
     if number >= len(tools):
         known = ", ".join(f"{k} {name}" for k, name in enumerate(tools))
-        return present, Answer(TOO_FAR, f"attachment refused: {number} is none of {known}")
+        return present, Answer(OUT_OF_RANGE, f"attachment refused: {number} is none of {known}")
     if tools[number] == present:
         return present, Answer(DONE, f"attachment {present} is chosen already")
     return tools[number], Answer(DONE, f"attachment {tools[number]} chosen: zero and tare are 0")
@@ -216,7 +216,9 @@ def book_by_hand(data: bytes, last: Booking | None, t_us: int, truck: Truck) -> 
     """
     mass, most = KG * int.from_bytes(data, "little", signed=True), LARGEST_TARGET
     if not 0.0 < mass <= most:
-        return None, Ruling(truck, TOO_FAR, f"bucket by hand refused: {mass:.1f} kg is not above 0 to {most:.0f} kg")
+        return None, Ruling(
+            truck, OUT_OF_RANGE, f"bucket by hand refused: {mass:.1f} kg is not above 0 to {most:.0f} kg"
+        )
     number = last.number + 1 if last else 1
     made = Booking(
         number,

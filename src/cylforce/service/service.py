@@ -464,10 +464,12 @@ class WeighingService(Estimator):
             bookings.update(weighed(lift, bookings.constants.parameters, tilt, slopes), t_us, self.drift)
 
     def _withhold(self) -> None:
-        """Suspend bookings while the monitor of the sensors is unsure.
+        """Pass the result of the sensors' monitor on to the bookings.
 
-        A suspicion, unless the next motion in the air decides it, discards a load that is not booked yet. The probable
-        errors of the signals become a part of the errors of bookings."""
+        Bookings wait while there is evidence, but too weak for a suspicion, or a suspicion that the next motion in the
+        air will decide (`waits`). Any other suspicion discards the candidate, the load that is not booked yet, and
+        reports it as missed. The probable errors of the signals [bar over the head area, rad] widen the errors of
+        bookings."""
         suspicion = self.monitor.suspicion
         if suspicion.level is not Level.FINE and not suspicion.waits:
             self.bookings.discard_candidate()

@@ -1,12 +1,12 @@
 """Machine section of the file as a frozen `Machine`: links, linkages, cylinders."""
 
 from dataclasses import replace
-from math import pi, sqrt
+from math import pi
 
 from cylforce.mechanics import chain, linkages
 from cylforce.mechanics.gravity import normal_gravity
 from cylforce.mechanics.linkages import Linkage
-from cylforce.mechanics.machine import Cylinder, Link, Machine
+from cylforce.mechanics.machine import TOLERANCE_OVER_ERROR, Cylinder, Link, Machine
 from cylforce.settings.arm import (
     AttachmentTable,
     CylinderTable,
@@ -24,7 +24,7 @@ from cylforce.settings.model import MachineFile
 from cylforce.signals.kinds import Signal
 from cylforce.signals.units import BAR, DEGREE, MILLIMETRE, STANDARD_GRAVITY
 
-LIMIT = 1.0 / sqrt(3.0)  # standard error over tolerance, the half-width of a uniform distribution (GUM 4.3.7)
+ERROR_OVER_TOLERANCE = 1.0 / TOLERANCE_OVER_ERROR
 
 
 def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection) -> Machine | None:
@@ -54,10 +54,11 @@ def machine(file: MachineFile, signals: tuple[Signal, ...], findings: Inspection
 
 
 def attachment(file: MachineFile, k: int, standard: Machine) -> Machine:
-    """Return the machine with attachment k instead of its last link.
+    """Return the machine with attachment k (from 0) instead of its last link.
 
     The cylinders and the last joint's range are those of the standard machine. So are the angles at which loads are
-    booked with a bucket; with another tool they are booked at any angle.
+    booked with a bucket; with another tool they are booked at any angle. A moment of inertia that the file lacks is
+    that of a uniform bar.
 
     standard: the machine with the standard tool
     """
@@ -109,7 +110,10 @@ def _gravity(table: MachineTable) -> float:
 
 
 def _link(file: MachineFile, k: int) -> Link:
-    """Return link k in SI. Raises FaultError without a length, see `_length`."""
+    """Return link k (from 0) in SI. A moment of inertia that the file lacks is that of a uniform bar.
+
+    Tolerances become standard errors. Raises FaultError without a length, see `_length`.
+    """
     table = file.links[k]
     length = _length(file, k)
     inertia = table.inertia_kg_m2 or table.mass_kg * length**2 / 12.0
@@ -123,7 +127,7 @@ def _link(file: MachineFile, k: int) -> Link:
         inertia=inertia,
         angle_low=low * DEGREE,
         angle_high=high * DEGREE,
-        length_error=LIMIT * table.tolerance.length_m,
+        length_error=ERROR_OVER_TOLERANCE * table.tolerance.length_m,
         **_errors(table, inertia),
     )
 
@@ -135,9 +139,9 @@ def _errors(table: LinkTable | AttachmentTable, inertia: float) -> dict[str, flo
     """
     tolerance = table.tolerance
     return {
-        "mass_error": LIMIT * tolerance.mass_percent / 100.0 * table.mass_kg,
-        "centre_error": LIMIT * tolerance.centre_m,
-        "inertia_error": LIMIT * tolerance.inertia_percent / 100.0 * inertia,
+        "mass_error": ERROR_OVER_TOLERANCE * tolerance.mass_percent / 100.0 * table.mass_kg,
+        "centre_error": ERROR_OVER_TOLERANCE * tolerance.centre_m,
+        "inertia_error": ERROR_OVER_TOLERANCE * tolerance.inertia_percent / 100.0 * inertia,
     }
 
 
@@ -156,7 +160,11 @@ def _length(file: MachineFile, k: int) -> float:
 
 
 def _cylinder(file: MachineFile, k: int) -> Cylinder:
-    """Return cylinder k in SI, with the areas of all those that work side by side."""
+    """Return cylinder k (from 0) in SI, with the areas summed over its `count` parallel cylinders.
+
+    Tolerances become standard errors: relative of the areas, twice that of the bore; of the pins [m]. A rod pressure
+    that the file lacks is 0.
+    """
     table = file.cylinders[k]
     bore, rod = table.bore_mm * MILLIMETRE, table.rod_mm * MILLIMETRE
     return Cylinder(
@@ -167,8 +175,8 @@ def _cylinder(file: MachineFile, k: int) -> Cylinder:
         length_low=table.length_range_m[0],
         length_high=table.length_range_m[1],
         rod_pressure=(table.rod_pressure_bar or 0.0) * BAR,
-        area_error=LIMIT * 2.0 * table.tolerance.bore_mm / table.bore_mm,
-        pin_error=LIMIT * table.tolerance.pins_m,
+        area_error=ERROR_OVER_TOLERANCE * 2.0 * table.tolerance.bore_mm / table.bore_mm,
+        pin_error=ERROR_OVER_TOLERANCE * table.tolerance.pins_m,
     )
 
 

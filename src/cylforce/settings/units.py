@@ -57,12 +57,13 @@ def _sensor_in_si(raw: object, key: Key, findings: Inspection) -> object:
 def in_si(raw: Mapping[str, Any], unit: str, words: tuple[str, ...], key: Key, findings: Inspection) -> dict[str, Any]:
     """Return a table with `WORD_SUFFIX` replaced by `WORD` in SI; all keys of one table must share one suffix.
 
-    An error goes to `findings`, and its key is omitted. A missing range is an error, too; ANY stands for it, so that
-    the other keys can be checked. A missing offset is none: it becomes the SI value of zero in the unit of the other
-    keys.
+    Errors go to `findings`. A key that cannot be converted is omitted; mixed units are an error, too, but their keys
+    remain. If `range` is among `words` and missing, this is an error; ANY stands for it, or for one that cannot be
+    converted, so that the other keys can be checked. If `offset` is among `words` and missing, and another key has a
+    unit, it becomes the SI value of zero in that unit. Only to offset and range is this zero added (`_zero`).
 
     unit: SI unit of the quantity
-    words: keys that are written with a unit
+    words: keys, without their units, that are written with a unit
     key: key of the table in the file
     """
     suffixes, used, out = SUFFIXES[unit], list[str](), dict(raw)

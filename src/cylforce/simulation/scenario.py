@@ -122,16 +122,16 @@ def of_joints(machine: Machine, scene: Scene) -> Scene:
     if np.array_equal(D, machine.identity):
         return scene
     begin = D @ np.array([course.begin for course in scene.joints])
-    steps = [
+    moves = [
         tuple(
-            Move(step.start, step.stop, float(share) * step.rise)
+            Move(move.start, move.stop, float(share) * move.rise)
             for share, course in zip(row, scene.joints, strict=True)
-            for step in course.steps
+            for move in course.moves
             if share
         )
         for row in D
     ]
-    return scene._replace(joints=tuple(map(JointCourse, begin.tolist(), steps)))
+    return scene._replace(joints=tuple(map(JointCourse, begin.tolist(), moves)))
 
 
 def _headway(machine: Machine, ranges: Array) -> Scene:

@@ -42,20 +42,20 @@ class JointCourse(NamedTuple):
     """The angle of one joint, or of the house, over time.
 
     begin:   angle at the beginning [rad]
-    steps:   strokes that are added to it
+    moves:   strokes that are added to it
     sampled: change of a recorded or written motion since the start [rad] over time [s], added as well; None: no such
              motion
     """
 
     begin: float
-    steps: tuple[Move, ...] = ()
+    moves: tuple[Move, ...] = ()
     sampled: CubicSpline | None = None
 
     @property
     def end(self) -> float:
         """Return the angle [rad] after all strokes."""
         last = 0.0 if self.sampled is None else float(self.sampled(self.sampled.x[-1]))
-        return self.begin + last + sum(step.rise for step in self.steps)
+        return self.begin + last + sum(move.rise for move in self.moves)
 
     def at(self, t: Array) -> Array:
         """Return angle, rate and acceleration (3, T) [rad, rad/s, rad/s^2] at ascending times t (T,) [s].
@@ -64,25 +64,26 @@ class JointCourse(NamedTuple):
         only where it moves, so that memory and time stay in proportion for hours of strokes.
         """
         course, completed = np.zeros((3, len(t))), np.zeros(len(t) + 1)
-        for step in self.steps:
-            first, after = np.searchsorted(t, (step.start, step.stop))
-            course[:, first:after] += _stroke(step, t[first:after])
-            completed[after] += step.rise
+        for move in self.moves:
+            first, after = np.searchsorted(t, (move.start, move.stop))
+            course[:, first:after] += _stroke(move, t[first:after])
+            completed[after] += move.rise
         course[0] += self.begin + np.cumsum(completed[:-1])
         if self.sampled is not None:
             course += np.stack([self.sampled(t, order) for order in range(3)])
         return course
 
 
-def _stroke(step: Move, t: Array) -> Array:
-    """Return angle, rate and acceleration (3, T) that a stroke adds at times (T,) [s] between its start and its
-    stop.
+def _stroke(move: Move, t: Array) -> Array:
+    """Return angle [rad], rate [rad/s] and acceleration [rad/s^2] that a stroke adds, as rows (3, T).
+
+    t: (T,) times between its start and its stop [s]
     """
-    length = step.stop - step.start
-    u = (t - step.start) / length
+    length = move.stop - move.start
+    u = (t - move.start) / length
     angle = u**3 * (10 - 15 * u + 6 * u**2)
-    rate = 30 * u**2 * (1 - u) ** 2 * (step.rise / length)
-    return np.stack([angle * step.rise, rate, 60 * u * (1 - u) * (1 - 2 * u) * (step.rise / length**2)])
+    rate = 30 * u**2 * (1 - u) ** 2 * (move.rise / length)
+    return np.stack([angle * move.rise, rate, 60 * u * (1 - u) * (1 - 2 * u) * (move.rise / length**2)])
 
 
 class Scene(NamedTuple):

@@ -81,7 +81,7 @@ def test_truck_and_trailer_have_a_target_and_a_sum_each():
     assert state.truck == Truck(2, 12_000.0, trailer=8000.0)
     state, out = written(commands.PART, b"then", state)
     assert out.words.startswith("next part refused: the four bytes written must be the word next")
-    assert written(commands.TRAILER, struct.pack("<i", -1), state)[1].verdict == commands.TOO_FAR
+    assert written(commands.TRAILER, struct.pack("<i", -1), state)[1].verdict == commands.OUT_OF_RANGE
 
 
 def test_target_product_and_next_truck_by_sdo():
@@ -143,7 +143,7 @@ class TestByHand:
     def test_what_is_no_mass_is_refused_in_words(self):
         for mass in (0, -5, 2_000_000_000):
             state, out = written(commands.ADD, struct.pack("<i", mass))
-            assert (out.verdict, state.truck) == (commands.TOO_FAR, NO_TRUCK)
+            assert (out.verdict, state.truck) == (commands.OUT_OF_RANGE, NO_TRUCK)
             assert "bucket by hand refused" in out.words
 
 

@@ -4,13 +4,20 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from cylforce.canopen.j1939 import (
+    ANGLE,
+    CARGO_KG,
+    ERROR_KG,
+    FORCE_N,
+    LARGEST,
     LARGEST_TOTAL,
     LIFETIME_LOADED,
     LIFETIME_UNLOADED,
     LOADED,
+    NOT_AVAILABLE,
     OURS,
     PROCESS_DATA,
     UNLOADED,
+    VALUE,
     VEHICLE_WEIGHT,
     identifier,
 )
@@ -41,7 +48,7 @@ class DbcSignal(NamedTuple):
 
     name: name in the file
     start: position of its lowest bit
-    length: [bits]
+    length: number of bits
     signed: whether the raw value is signed
     scale: factor of value = raw * scale + offset, in `unit`
     offset: offset of the value, in `unit`
@@ -176,23 +183,34 @@ def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
     """Return our messages on J1939 (`canopen/j1939.py`).
 
     address: our address on J1939
-    period_ms: period of the estimates [ms]; totals are sent every second
+    period_ms: period of weight, standard error and force [ms]; totals are sent every second
     """
-    absent, largest = {0xFFFF: "no_value"}, 64255.0
     payload, force = ("payload_status", "payload_reason"), ("soil_magnitude_status", "soil_magnitude_reason")
-    weight = [DbcSignal("cargo_weight", 40, 16, False, 2.0, 0.0, "kg", absent, 0.0, 2.0 * largest)]
+    weight = [_two_bytes("cargo_weight", 40, scale=CARGO_KG, unit="kg")]
     ours = [
-        DbcSignal("payload_standard_error", 0, 16, False, 0.1, 0.0, "kg", absent, 0.0, 0.1 * largest),
-        DbcSignal("soil_magnitude", 16, 16, False, 10.0, 0.0, "N", absent, 0.0, 10.0 * largest),
-        DbcSignal("soil_direction", 32, 16, False, 0.01, -180.0, "deg", absent, -180.0, 180.0),
+        _two_bytes("payload_standard_error", 0, scale=ERROR_KG, unit="kg"),
+        _two_bytes("soil_magnitude", 16, scale=FORCE_N, unit="N"),
+        _two_bytes("soil_direction", 32, scale=ANGLE / DEGREE, unit="deg")._replace(
+            offset=-180.0, low=-180.0, high=180.0
+        ),
         *_quality(*payload, 48),
         *_quality(*force, 56),
     ]
     total = [
-        _integer("process_data_command", 0, 4, {3: "value"}),
+        _integer("process_data_command", 0, 4, {VALUE: "value"}),
         _integer("process_data_element", 4, 12),
         _integer("total_of", 16, 16, _TOTALS),
-        DbcSignal("total", 32, 32, True, 1.0, 0.0, "kg", {}, 0.0, float(LARGEST_TOTAL)),
+        DbcSignal(
+            name="total",
+            start=32,
+            length=32,
+            signed=True,
+            scale=1.0,
+            offset=0.0,
+            unit="kg",
+            words={},
+            high=float(LARGEST_TOTAL),
+        ),
     ]
     return [
         DbcMessage(name, identifier(pgn, address), 8, NODE, signals, every_ms, f"J1939, PGN {pgn}: {what}")
@@ -202,6 +220,25 @@ def _j1939(address: int, period_ms: int) -> list[DbcMessage]:
             (f"{NODE}_totals", PROCESS_DATA, total, 1000, "process data of ISO 11783, DDI 428 to 431"),
         )
     ]
+
+
+def _two_bytes(name: str, start: int, scale: float, unit: str) -> DbcSignal:
+    """Return an unsigned signal of two bytes on J1939, whose raw values are 0 to LARGEST, or NOT_AVAILABLE.
+
+    start: position of its lowest bit
+    scale: resolution, in `unit`
+    """
+    return DbcSignal(
+        name=name,
+        start=start,
+        length=16,
+        signed=False,
+        scale=scale,
+        offset=0.0,
+        unit=unit,
+        words={NOT_AVAILABLE: "no_value"},
+        high=scale * LARGEST,
+    )
 
 
 def _quality(status: str, reason: str, start: int, bits: int = 8) -> list[DbcSignal]:

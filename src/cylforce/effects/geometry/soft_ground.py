@@ -18,9 +18,9 @@ class SoftGround:
 
     The moment is about the middle of the tracks, `height` below the first pin. No sensor measures psi: there is no tilt
     sensor, or it averages over longer than a stroke. All links turn by -psi and their first pin moves. Every joint
-    needs -(M_j psi'' + K_j psi) more. M_j is the inertia about the joint of links that turn about the middle of the
-    tracks, K_j the change of their weight's torque per radian. The mean of psi, a slope of the
-    ground, is part of it.
+    needs -(M_j psi'' + K_j psi) more. M_j [kg m^2] is the torque of joint j per rad/s^2 of a rotation of all links
+    about the middle of the tracks, K_j [N m/rad] that per radian. The mean of psi counts, too, as on a machine without
+    a tilt sensor.
 
     Two tracks of 0.6 m by 3.5 m on ground of 2 to 50 MN/m^3 turn by 5e-9 to 1e-7 rad/(N m), on bog by ten times that.
     """
@@ -51,9 +51,11 @@ class SoftGround:
         """Return the torques (T, N) [N m] of the cylinders per rad/(N m) of size: -(M_j m'' + K_j m).
 
         m is the overturning moment (T,) [N m] of the arm's weight about the middle of the tracks, by the data sheet's
-        masses, and m'' its second time derivative: psi = size m.
+        masses without load, and m'' its second time derivative: psi = size m. Its first derivative m' neglects the
+        change of the specific force.
 
-        t: (T,) time [s]
+        t:     (T,) time [s]
+        where: not used
         """
         arm = bodies(machine, moving)
         middle = np.exp(1j * (moving.q[:, 0] - moving.a[:, 0])) * -complex(machine.slew_axis, self.height)

@@ -115,9 +115,10 @@ def move_four_bar(p: KernelPlan, c: Count) -> Number:
 
     The transmission is the sine of the angle between rocker and connecting link, near 0 close to a dead point. It is -1
     exactly at a dead point, or where the linkage cannot be closed; both riders remain as they were then. The connecting
-    link keeps its length: bar . (d base / d angle) = sine spin, with base from PIN to LINK, bar from LINK to END, and
-    spin the derivative of the rocker's angle. A rider is a moving point: place x, z [m], velocity [m/s], derivatives of
-    the place by each joint's angle [m/rad], and their rates.
+    link keeps its length: bar . (d base / d angle) = cross spin, with base from PIN to LINK, bar from LINK to END,
+    cross the cross product of the rocker (PIN to END) and bar [m^2], and spin the derivative of the rocker's angle by a
+    joint's. A rider is a moving point: place x, z [m], velocity [m/s], derivatives of the place by each joint's angle
+    [m/rad], and their rates.
 
     Read: riders PIN and LINK, the bars' lengths in `p.bars`
 
@@ -138,37 +139,37 @@ def move_four_bar(p: KernelPlan, c: Count) -> Number:
     cosine, sine_base = base_x / span, base_z / span
     arm_x, arm_z = cosine * along - sine_base * across, cosine * across + sine_base * along  # from PIN to END
     bar_x, bar_z = arm_x - base_x, arm_z - base_z
-    sine = arm_x * bar_z - arm_z * bar_x
-    if sine == 0.0:
+    cross = arm_x * bar_z - arm_z * bar_x
+    if cross == 0.0:
         return -1.0
-    both = min(p.bodies[3 * c + 1], p.bodies[3 * c + 2])  # the joints that turn the whole linkage
+    both = min(p.bodies[3 * c + 1], p.bodies[3 * c + 2])  # number of the first joints, which turn the whole linkage
     turning, before = 0.0, 0.0
     for j in range(p.n):
         g = slope_at(j)
-        spin = 1.0  # a joint inside both pins turns the linkage as a whole
+        spin = 1.0  # a joint between the chassis and both pins turns the linkage as a whole
         if j >= both:
-            spin = (bar_x * (w[link + g] - w[pin + g]) + bar_z * (w[link + g + 1] - w[pin + g + 1])) / sine
+            spin = (bar_x * (w[link + g] - w[pin + g]) + bar_z * (w[link + g + 1] - w[pin + g + 1])) / cross
         w[end + g], w[end + g + 1] = w[pin + g] - arm_z * spin, w[pin + g + 1] + arm_x * spin
         w[end + slope_rate_at(p, j)] = spin  # until `change_four_bar`
         turning += spin * (p.qd[j] - before)
         before = p.qd[j]
     w[end], w[end + 1] = w[pin] + arm_x, w[pin + 1] + arm_z
     w[end + 2], w[end + 3] = w[pin + 2] - arm_z * turning, w[pin + 3] + arm_x * turning
-    change_four_bar(p, both, bar_x, bar_z, sine)
+    change_four_bar(p, both, bar_x, bar_z, cross)
     move_eye(p, p.bars[bars + EYE_ALONG], p.bars[bars + EYE_ACROSS])
-    return abs(sine) / (rocker * connecting)
+    return abs(cross) / (rocker * connecting)
 
 
 @inner
-def change_four_bar(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, sine: Number) -> None:
+def change_four_bar(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, cross: Number) -> None:
     """Compute how fast the derivatives of the rocker's end (rider END) by the joints' angles change [m/(rad s)].
 
     The rocker's spin, the derivative of its angle by each joint's, has the rate `gain` by the time derivative of bar .
-    (d base / d angle) = sine spin.
+    (d base / d angle) = cross spin.
 
-    both:         number of joints inside both pins, which turn the linkage as a whole
+    both:         number of the first joints, from the chassis to both pins, which turn the linkage as a whole: spin 1
     bar_x, bar_z: from LINK to END [m]
-    sine:         cross product of rocker and bar [m^2]
+    cross:        cross product of rocker and bar [m^2]
 
     Read: riders PIN, LINK, and END, which holds the spin of each joint in the place of the result
 
@@ -179,14 +180,14 @@ def change_four_bar(p: KernelPlan, both: Count, bar_x: Number, bar_z: Number, si
     arm_x, arm_z = w[end] - w[pin], w[end + 1] - w[pin + 1]
     vx, vz = w[end + 2] - w[pin + 2], w[end + 3] - w[pin + 3]
     fast_x, fast_z = w[end + 2] - w[link + 2], w[end + 3] - w[link + 3]
-    grows = vx * bar_z - vz * bar_x + arm_x * fast_z - arm_z * fast_x  # rate of `sine`
+    grows = vx * bar_z - vz * bar_x + arm_x * fast_z - arm_z * fast_x  # rate of `cross`
     for j in range(p.n):
         g, h = slope_at(j), slope_rate_at(p, j)
         spin, gain = w[end + h], 0.0
         if j >= both:
             gx, gz = w[link + g] - w[pin + g], w[link + g + 1] - w[pin + g + 1]
             hx, hz = w[link + h] - w[pin + h], w[link + h + 1] - w[pin + h + 1]
-            gain = (fast_x * gx + fast_z * gz + bar_x * hx + bar_z * hz - grows * spin) / sine
+            gain = (fast_x * gx + fast_z * gz + bar_x * hx + bar_z * hz - grows * spin) / cross
         w[end + h] = w[pin + h] - vz * spin - arm_z * gain
         w[end + h + 1] = w[pin + h + 1] + vx * spin + arm_x * gain
 

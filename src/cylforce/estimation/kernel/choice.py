@@ -104,10 +104,11 @@ def choice() -> Choice:
 
 
 def choice_in(package: str) -> Choice:
-    """Return the compiled kernel of a package, otherwise the interpreted one.
+    """Return the compiled kernel of a package, otherwise the interpreted one and why the compiled one was refused.
 
     The compiled kernel is used if it is beside the source, was compiled from this source (checksum), and can be
-    imported by this processor and Python. Both are read as Python reads them when it imports, also from an archive.
+    imported by this processor and Python. Source and compiled kernel are read as Python reads them when it imports,
+    also from an archive.
 
     package: name of the package with the source and perhaps the compiled kernel
     """
@@ -124,7 +125,7 @@ def choice_in(package: str) -> Choice:
 
 
 def matching(compiled: Any, text: int) -> Choice:  # noqa: ANN401 - a compiled module has no types
-    """Return the compiled kernel if it was compiled from this source, otherwise the interpreted one.
+    """Return the compiled kernel if it was compiled from this source, otherwise the interpreted one and why.
 
     compiled: imported module, whose `TEXT` is the checksum of the source from which it was compiled
     text:     checksum (CRC 32) of the source

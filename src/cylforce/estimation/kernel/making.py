@@ -281,11 +281,19 @@ def _stops(model: Model) -> list[float]:
 
 
 def _filters(model: Model) -> list[list[float]]:
-    """Return the coefficients of the filters, in the order of the plan's fields `channel` to `slow`.
+    """Return eight lists: coefficients and initial states of the filters, in the order of the plan's fields.
 
-    A filter's coefficients are b0, b1, ..., a1, a2, ... The filters are those of the channels; of static columns and
-    torques, with its state before a first input of 1; of the momentum (first and last b), with its state settled at 1;
-    of the forces, with its state settled at 1; of the inertia."""
+    A filter's coefficients are b0, b1, ..., a1, a2, ...; a0 is 1.
+
+    channel: (5) low-pass of the channels
+    mean:    (7) filter of static columns and torques
+    begun:   (3) its state before a first input of 1 after zeros (`FilteredRegressor.shares`)
+    slope:   (2) b0 and b3 of the momentum's filter; its b1 and b2 are 0, its a1 to a3 those of `mean`
+    rest:    (3) its state settled at the input 1, with output 0
+    quick:   (5) low-pass of the forces
+    settled: (2) its state settled at the input 1
+    slow:    (3) low-pass of the inertia
+    """
     slow, fast = model.filtered, model.fast
     return [
         _coefficients(model.channels.smooth),

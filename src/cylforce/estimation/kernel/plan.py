@@ -43,12 +43,12 @@ class KernelPlan:
     shapes:           (L, 2) constants of each law
     channel:          (5,) low-pass of the channels, b0, b1, b2, a1, a2
     mean:             (7,) filter of static columns and torques, b0 to b3, a1 to a3
-    begun:            (3,) its state before a first input of 1
-    slope:            (2,) first and last coefficient of the filter of momentum
-    rest:             (3,) its state settled at 1
-    quick:            (5,) low-pass of the forces
-    settled:          (2,) its state settled at 1
-    slow:             (3,) low-pass of the inertia
+    begun:            (3,) its state before a first input of 1 after zeros
+    slope:            (2,) b0 and b3 of the filter of momentum; its b1 and b2 are 0, its a1 to a3 those of `mean`
+    rest:             (3,) its state settled at the input 1, with output 0
+    quick:            (5,) low-pass of the forces, b0, b1, b2, a1, a2
+    settled:          (2,) its state settled at the input 1
+    slow:             (3,) low-pass of the inertia, b0, b1, a1
     middle, rate:     (D,) smoothed channels and their rates [1/s]
     q, qd, turn, level, hinge: angles, rates, directions and pins of the links, see `bodies.set_links`
     riders:           points that move, see `bodies`

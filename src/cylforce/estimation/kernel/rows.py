@@ -227,8 +227,8 @@ def weighing_rows(p: KernelPlan, old: Numbers, new: Numbers, out: Numbers, first
 def begin_low_pass(p: KernelPlan, old: Numbers, state: Count, stride: Count, static: Number, momentum: Number) -> None:
     """Set the state of a low-pass of third order before its first sample.
 
-    The filter of the momentum is then settled at its first input, that of the static part is at zero
-    (`FilteredRegressor`).
+    The filter of the momentum is then settled at its first input; that of the static part begins as after an input of
+    zeros (`FilteredRegressor`).
 
     state:    place in `old` of the first of the three numbers
     stride:   from one of them to the next

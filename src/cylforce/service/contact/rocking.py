@@ -94,14 +94,14 @@ class BaseFilter(Estimator):
         self.pitches, self.total, self.number = (), 0.0, 0
 
     def update(self, residual: InstantResidual, channels: Numbers, lift: Lift, usable: Numbers) -> None:
-        """Update the estimated acceleration of a rocking base, and add its effect to the variances of the residual.
+        """Update the variances of a rocking base's acceleration, and set the variance that they add to each row.
 
-        The estimate changes every `lag` steps, its effect is added at each step. With an inertial sensor on the base
-        nothing is done, because that measures its motion.
+        `forward`, `upward` and `turning` change every `lag` steps; `residual.wider` is set at each step from the first
+        such change on. With an inertial sensor on the base nothing is done, because that measures its motion.
 
         residual: residual torque of the instant; its field `wider` (R,) [N^2 m^2] is set
-        channels: (D,) of the step, of which the last three are pitch, roll [rad] and slew
-        lift:     of the load, before this instant
+        channels: (D,) of the step, of which the last three are pitch, roll [rad] and slew (see `Channels`)
+        lift:     estimate of the present lift's load, before this instant; the torques count only once it has settled
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         if self.constants.inertial:
@@ -120,8 +120,8 @@ class BaseFilter(Estimator):
         load does not explain (`recognised.rocking_variance`).
 
         residual: residual torque of the instant: measured less that of the empty machine and the drift [N m]
-        channels: (D,), of which the last three are pitch, roll [rad] and slew
-        lift:     of the load, before this instant
+        channels: (D,) of the step, of which the last three are pitch, roll [rad] and slew (see `Channels`)
+        lift:     estimate of the present lift's load, before this instant
         usable:   (R,) 1 where the row of a measured joint torque can be used, else 0
         """
         c, rows = self.constants, len(usable)

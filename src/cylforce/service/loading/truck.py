@@ -8,7 +8,7 @@ KEPT = 32  # buckets of a truck that can still be cancelled, the last ones; chos
 LARGEST_TARGET = 1e6  # kg; chosen
 DONE = 0
 NOT_NOW = 0x08000022  # SDO abort code (CiA 301): refused because of the present device state
-TOO_FAR = 0x06090030  # SDO abort code (CiA 301): value range exceeded
+OUT_OF_RANGE = 0x06090030  # SDO abort code (CiA 301): value range exceeded
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ def _changed(truck: Truck, part: int, by: float) -> Truck:
 
 def set_target(truck: Truck, target: float) -> Ruling:
     """Return the truck with another target [kg] of its present part; 0: none. A target out of range is refused."""
-    if (refusal := _too_far(truck, target)) is not None:
+    if (refusal := _out_of_range(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, target=target), DONE, f"target set to {target:.1f} kg")
 
@@ -107,16 +107,16 @@ def set_trailer_target(truck: Truck, target: float) -> Ruling:
     """Return the truck with another target [kg] of its trailer, or of any other next part; 0: none.
 
     A target out of range is refused."""
-    if (refusal := _too_far(truck, target)) is not None:
+    if (refusal := _out_of_range(truck, target)) is not None:
         return refusal
     return Ruling(replace(truck, trailer=target), DONE, f"target of the trailer set to {target:.1f} kg")
 
 
-def _too_far(truck: Truck, target: float) -> Ruling | None:
+def _out_of_range(truck: Truck, target: float) -> Ruling | None:
     """Return the refusal of a target [kg] outside 0 to LARGEST_TARGET; None: it is accepted."""
     if 0.0 <= target <= LARGEST_TARGET:
         return None
-    return Ruling(truck, TOO_FAR, f"target refused: {target:.1f} kg is not 0 (none) to {LARGEST_TARGET:.0f} kg")
+    return Ruling(truck, OUT_OF_RANGE, f"target refused: {target:.1f} kg is not 0 (none) to {LARGEST_TARGET:.0f} kg")
 
 
 def next_part(truck: Truck) -> Ruling:
@@ -135,7 +135,7 @@ def set_product(truck: Truck, product: int) -> Ruling:
 
     Any other number is refused."""
     if not 0 <= product < 1 << 16:
-        return Ruling(truck, TOO_FAR, f"product refused: {product} is not 0 (none) to 65535")
+        return Ruling(truck, OUT_OF_RANGE, f"product refused: {product} is not 0 (none) to 65535")
     return Ruling(replace(truck, product=product), DONE, f"product {product} from the next bucket on")
 
 

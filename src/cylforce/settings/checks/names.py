@@ -118,7 +118,10 @@ def _idle_nodes(raw: Raw) -> Iterator[FaultError]:
 
 
 def _references(raw: Raw, sensor: RawTable) -> Iterator[FaultError]:
-    """Yield the faults of a sensor's keys `node` and `at`: they name nothing of the file, or what it cannot be at."""
+    """Yield the faults of a sensor's keys `node` and `at`: they name nothing of the file, or what it cannot be at.
+
+    They are not compared with names of which one is missing, wrong, reserved or used twice (`_names`).
+    """
     node, names = sensor.table.get("node"), _names(raw, "nodes")
     if isinstance(node, str) and names and node not in names:
         yield FaultError((*sensor.key, "node"), f"is {shown(node)}, which is no node: write one of {', '.join(names)}")
@@ -164,7 +167,10 @@ def _same_places(raw: Raw) -> Iterator[FaultError]:
 
 
 def _bodies(raw: Raw) -> Iterator[FaultError]:
-    """Yield a fault for each pin of a linkage whose body is neither a link nor the chassis."""
+    """Yield a fault for each pin of a linkage whose body is neither a link nor the chassis.
+
+    Nothing is yielded while a link's name is missing, wrong, reserved or used twice (`_names`): a pin may mean it.
+    """
     names = _names(raw, "links")
     bodies = (CHASSIS, *names)
     for cylinder in entries(raw, "cylinders"):
@@ -193,7 +199,10 @@ def _laws(raw: Raw) -> Iterator[FaultError]:
 
 
 def _columns(raw: Raw) -> Iterator[FaultError]:
-    """Yield a fault for each column of recordings that belongs to no sensor."""
+    """Yield a fault for each column of recordings that belongs to no sensor.
+
+    Nothing is yielded while a sensor's name is missing, wrong, reserved or used twice (`_names`): a column may mean it.
+    """
     table, names = raw.get("table"), _names(raw, "sensors")
     signals = table.get("signals") if isinstance(table, dict) else None
     for name in signals if names and isinstance(signals, dict) else ():

@@ -13,7 +13,7 @@ its inner pin, `c` of a cylinder, `k` of a signal or attachment.
 
 import numpy as np
 
-from cylforce.mechanics.machine import Machine
+from cylforce.mechanics.machine import TOLERANCE_OVER_ERROR, Machine
 from cylforce.settings.checks.readings import check_signal
 from cylforce.settings.checks.strokes import check_cylinder
 from cylforce.settings.error import FaultError, Inspection, Key
@@ -121,8 +121,8 @@ def _check_link(machine: Machine, j: int, findings: Inspection) -> None:
     )
     _judge(findings, (*key, "inertia_kg_m2"), gyration, GYRATION, problem)
     _check_range(machine, j, findings)
-    if link.centre_error * 3.0**0.5 > CENTRE_TOLERANCE * length:
-        half = link.centre_error * 3.0**0.5
+    if link.centre_error * TOLERANCE_OVER_ERROR > CENTRE_TOLERANCE * length:
+        half = link.centre_error * TOLERANCE_OVER_ERROR
         findings.warn((*key, "tolerance", "centre_m"), f"is {half:g} on a length of {length:g} m: check the unit")
 
 
