@@ -1,6 +1,7 @@
 """`cylforce checkup`: it goes on until it is decided, and says what no motion decides."""
 
 import json
+from functools import cached_property
 from io import StringIO
 
 import numpy as np
@@ -48,6 +49,11 @@ class Rig:
     def __init__(self, folder):
         self.folder = folder
         self.references = tuple(self.record(name, scene, seed) for name, (scene, seed) in STEADY.items())
+
+    @cached_property
+    def healthy(self):
+        """A recording of the machine without an effect."""
+        return self.record("healthy", "moves", 4)
 
     def record(self, name, scene, seed, *effects):
         truth = draw_truth(MACHINE, np.random.default_rng(0), 0.1)._replace(effects=effects)
@@ -127,7 +133,7 @@ def test_a_motion_that_would_not_help_is_not_written(tmp_path):
 
 
 def test_a_healthy_machine_ends_the_check_up_and_the_answer_is_written_as_json(rig, tmp_path):
-    field = rig.record("healthy", "moves", 4)
+    field = rig.healthy
     console = Console(file=StringIO(), width=200)
     out = tmp_path / "answer.json"
     found = run_checkup(LOADED, Question((field,), rig.references), CheckupOutputs(out), console)
@@ -142,7 +148,7 @@ def test_a_healthy_machine_ends_the_check_up_and_the_answer_is_written_as_json(r
 def test_a_still_recording_that_is_too_short_is_refused(rig):
     path = rig.written("short", np.arange(0.0, 1.0, 0.01), np.zeros((100, len(MACHINE.signals))))
     with pytest.raises(RecordingError, match=r"short\.parquet: has 1 s of samples: record 10 s without pressure"):
-        rig.checked(rig.references[0].with_name("healthy.parquet"), still=path)
+        rig.checked(rig.healthy, still=path)
 
 
 def test_no_recording_is_refused():
