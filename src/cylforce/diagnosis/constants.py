@@ -37,6 +37,7 @@ CREEP_CHANGE = 1.0  # of friction at creep, whose law is the least certain
 SAME_MACHINE = 1.3**2 - 1.0
 # Rows of 0.05 s over which model error keeps its value (fit: best log score of tools/accuracy decisions).
 CORRELATED_ROWS = 6.0
+VISIBLE = 2.5**2 - 1.0  # energy in noise floors of the smallest gap that counts as visible; convention
 DETECTABLE = 5.0  # standard errors from which on a magnitude is detectable
 FEW_BLOCKS = 0.4  # share of the blocks: contact in more of them is the machine's work
 

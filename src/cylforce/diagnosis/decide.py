@@ -13,6 +13,7 @@ from cylforce.diagnosis.constants import (
     COSTS,
     SAME_EVIDENCE,
     SECOND_EFFECT,
+    VISIBLE,
 )
 from cylforce.diagnosis.likelihood import Hypothesis, effective_share
 from cylforce.diagnosis.model import KnowledgeSource
@@ -20,7 +21,6 @@ from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, C
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 from cylforce.signals.estimate import Array
 
-VISIBLE = 2.5**2 - 1.0  # energy of the smallest gap that counts as visible, in squared floors; convention
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
