@@ -181,23 +181,37 @@ def test_a_transient_that_leaves_no_more_than_a_healthy_machine_does_is_no_gap(k
     assert [found(before).is_transient(found(before).incidents[0]) for before in (1.2, 3.0)] == [True, False]
 
 
-def beside_contact(log, *forms, contact=None):
-    """Return a hypothesis of some forms besides contact in some rows, or besides an incident."""
-    own = candidate(log, *forms, rest=1.0)
-    return replace(own, incident=contact) if contact else replace(own, question=SimpleNamespace(forms=FORMS, laid=()))
+def beside_contact(log, *forms, before=np.inf):
+    """Return a hypothesis of some forms besides contact in some rows."""
+    own = replace(candidate(log, *forms, rest=1.0), before=before)
+    return replace(own, question=SimpleNamespace(forms=FORMS, laid=()))
 
 
-@pytest.mark.parametrize("contact", [None, incident(CONTACT, 0.0), incident(UNKNOWN, 0.0)])
-def test_an_effect_besides_contact_has_to_be_likelier_than_the_contact_alone(contact):
+def test_an_effect_besides_contact_has_to_be_likelier_than_the_contact_alone():
     """Rows without contact were searched for effects only: each named the effect by which they had been located."""
-    alone, other = beside_contact(600.0, contact=contact), beside_contact(601.0, 2, contact=contact)
-    incidents = [incident(CONTACT, -5.0)]
-    real = evidence(alone, other, incidents=incidents, healthy=candidate(0.0, rest=3.0))
-    assert real.first == (contact.key if contact else CONTACT)
-    healthy = evidence(alone, other, incidents=incidents, healthy=candidate(0.0, rest=1.4))
-    assert healthy.first == NO_GAP
-    sure = evidence(alone, beside_contact(630.0, 2, contact=contact), healthy=candidate(0.0, rest=1.4))
-    assert sure.first == OTHER
+
+    def first(before, gain):
+        rows = beside_contact(600.0, before=before), beside_contact(600.0 + gain, 2)
+        return evidence(*rows, incidents=[incident(CONTACT, -5.0)]).first
+
+    assert first(GAP, 1.0) == CONTACT
+    assert first(1.2, 1.0) == NO_GAP
+    assert first(1.2, 30.0) == OTHER
+
+
+def test_contact_in_rows_is_that_of_the_likeliest_contact():
+    near, far = incident(CONTACT, 1.0), incident(("soil_contact", "boom"), 300.0)
+    assert evidence(beside_contact(600.0), incidents=[near, far], places=2).first == far.key
+
+
+def test_a_visible_incident_is_none_of_a_healthy_machine_unless_its_references_differ_as_much():
+    def share(before, spread=SAME_MACHINE):
+        found = evidence(incidents=[incident(CONTACT, 600.0, before=before)], gap=before, spread=spread)
+        return found.posterior[NO_GAP]
+
+    assert share(3.0) < 0.1
+    assert share(3.0, spread=2.0) < 0.5
+    assert share(1.4, spread=2.0) == pytest.approx(1.0)
 
 
 def spilt(loads):

@@ -6,21 +6,23 @@ from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import expit, log_expit
 
 from cylforce.diagnosis.constants import (
     CORRELATED_ROWS,
     COSTS,
     SAME_EVIDENCE,
+    SAME_MACHINE,
     SECOND_EFFECT,
     VISIBLE,
 )
 from cylforce.diagnosis.likelihood import Hypothesis, effective_share
-from cylforce.diagnosis.model import KnowledgeSource
+from cylforce.diagnosis.model import FOLDS, KnowledgeSource
 from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, Candidate, Found, Key, Spill
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 from cylforce.signals.estimate import Array
 
+LARGEST_OF_FOLDS = sum(1.0 / k for k in range(1, FOLDS + 1))  # of so many exponential energies, over their mean
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
@@ -119,48 +121,34 @@ class HypothesisEvidence:
 
     def prior_of(self, c: Candidate) -> float:
         """Return the log prior probability of a hypothesis."""
-        if self._only_incident(c):
-            return self._log_or_transient(self._log_prior_of_only(c), self.found.healthy.rest)
+        if self._only_contact(c):
+            return self._log_prior_with_transient(self._log_prior_of_name, c.before)
         if not c.hypothesis.forms:
             return float(np.log(HEALTHY))
+        more = len(c.hypothesis.forms) - 1 + (c.beside_contact and self.found.work is None)
         own = sum(self._prior[c.question.forms[p].key] for p in c.hypothesis.forms)
-        more = (len(c.hypothesis.forms) - 1) * float(np.log(SECOND_EFFECT))
-        if not self._has_incident(c):
-            return own + more
-        healthy = self.probability_healthy(self.found.healthy.rest)  # of the incident: a transient
-        return own + more + float(np.log(healthy + (1.0 - healthy) * SECOND_EFFECT))
+        return own + more * float(np.log(SECOND_EFFECT))
 
     @property
     def _log_prior_of_name(self) -> float:
         return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
 
-    def _only_incident(self, c: Candidate) -> bool:
-        """Return whether a hypothesis has contact or an incident in some rows, and no effect."""
-        return not c.hypothesis.forms and self._has_incident(c)
+    def _only_contact(self, c: Candidate) -> bool:
+        """Return whether a hypothesis has no effect, but contact in some rows of a machine that does not work."""
+        return not c.hypothesis.forms and c.beside_contact and self.found.work is None
 
-    def _has_incident(self, c: Candidate) -> bool:
-        """Return whether a hypothesis has contact or an incident in some rows that is not the machine's work."""
-        return c.beside_contact and self.found.work is None
-
-    def _log_prior_of_only(self, c: Candidate) -> float:
-        """Return the log prior probability of a hypothesis of only an incident that is no transient."""
-        return self._log_prior_of_real(c.incident) if c.incident else self._log_prior_of_name
-
-    def _key_of_only(self, c: Candidate) -> Key:
-        """Return the answer for a hypothesis of only an incident that is no transient.
-
-        Contact is unknown if it is withdrawn or not wanted.
-        """
-        if c.incident and c.incident.key not in self.withdrawn:
-            return c.incident.key
-        return next((i.key for i in self.incidents if i.key[0] == CONTACT), UNKNOWN)
+    @property
+    def _contact(self) -> Key:
+        """Answer for contact alone in some rows; unknown if contact is withdrawn or not wanted."""
+        contacts = [i for i in self.incidents if i.key[0] == CONTACT]
+        return max(contacts, key=lambda i: i.log).key if contacts else UNKNOWN
 
     def prior_of_incident(self, i: BlockIncident | Spill) -> float:
         """Return the log prior probability of an incident of single blocks; a healthy machine has transients, too."""
-        return self._log_or_transient(self._log_prior_of_real(i), i.before)
+        return self._log_prior_with_transient(self._log_prior_of_real_incident(i), i.before)
 
-    def _log_prior_of_real(self, i: BlockIncident | Spill) -> float:
-        """Return the log prior probability of an incident that is no transient."""
+    def _log_prior_of_real_incident(self, i: BlockIncident | Spill) -> float:
+        """Return the log prior probability of an incident that is no transient of a healthy machine."""
         if i.key == UNKNOWN:
             return float(np.log(UNKNOWN_EFFECT / 2.0 / max(sum(j.key == UNKNOWN for j in self.incidents), 1)))
         name = self._log_prior_of_name
@@ -168,19 +156,29 @@ class HypothesisEvidence:
             return name + effective_share(i.rest) * i.odds
         return name - float(np.log(self.found.question.incident_forms[i.key[0]]))
 
-    def _log_or_transient(self, real: float, before: float) -> float:
-        """Return the log prior probability that something is real or a transient of a healthy machine.
+    def _transient_odds(self, before: float) -> float:
+        """Return log density of a residual on healthy machines, over that with other causes; infinite of small ones.
+
+        before: residual if contact or an incident is not removed, in noise floors
+        """
+        return np.inf if before**2 - 1.0 <= self.same_machine else self._log_density_ratio(before)
+
+    def _log_prior_with_transient(self, real: float, before: float) -> float:
+        """Return the log prior probability that contact or an incident is real, or a transient of a healthy machine.
 
         real:   log prior probability that it is real
         before: residual if it is not removed, in noise floors
         """
-        healthy = self.probability_healthy(before)
-        return float(logsumexp([np.log(HEALTHY), real], b=[healthy, 1.0 - healthy]))
+        odds = self._transient_odds(before)
+        return float(np.logaddexp(np.log(HEALTHY) + log_expit(odds), real + log_expit(-odds)))
 
     def _transient_share(self, real: float, before: float) -> float:
-        """Return the probability that something is a transient and not real; arguments as above."""
-        share = HEALTHY * float(np.exp(-self._log_or_transient(real, before)))
-        return share * self.probability_healthy(before)
+        """Return the probability that contact or an incident is a transient of a healthy machine and not real.
+
+        real:   log prior probability that it is real
+        before: residual if it is not removed, in noise floors
+        """
+        return float(expit(np.log(HEALTHY) - real + self._transient_odds(before)))
 
     # Posterior
 
@@ -197,15 +195,23 @@ class HypothesisEvidence:
     def probability_healthy(self, residual: float) -> float:
         """Return the probability that a residual is a healthy machine's, not one of a cause that the library lacks.
 
-        The energy beyond the noise floor is distributed exponentially on healthy machines, with the energy by which
-        two recordings differ as mean. That of other causes has a broad distribution, from nothing to well beyond the
-        smallest visible gap.
         residual: at the worst joint, in noise floors
         """
-        energy = max(residual**2 - 1.0, 0.0)
-        healthy = HEALTHY / self.same_machine * float(np.exp(-energy / self.same_machine))
-        other = UNKNOWN_EFFECT * 2.0 * VISIBLE * energy / (energy + VISIBLE) ** 3
-        return healthy / (healthy + other)
+        return float(expit(np.log(HEALTHY / UNKNOWN_EFFECT) + self._log_density_ratio(residual)))
+
+    def _log_density_ratio(self, residual: float) -> float:
+        """Return the log density of a residual's energy on healthy machines, over that with other causes.
+
+        The energy beyond the noise floor is exponential on healthy machines. The energy by which two recordings differ
+        is the largest of a few, which is about twice their mean; the mean is at least that of any two recordings. With
+        other causes the energy has a broad distribution, from nothing to well beyond the smallest visible gap.
+        residual: at the worst joint, in noise floors
+        """
+        energy, mean = max(residual**2 - 1.0, 0.0), max(SAME_MACHINE, self.same_machine / LARGEST_OF_FOLDS)
+        if energy == 0.0 or not np.isfinite(energy):
+            return np.inf if energy == 0.0 else -np.inf
+        healthy = -energy / mean - float(np.log(mean))
+        return healthy - float(np.log(2.0 * VISIBLE * energy)) + 3.0 * float(np.log(energy + VISIBLE))
 
     @property
     def same_machine(self) -> float:
@@ -285,14 +291,14 @@ class HypothesisEvidence:
         for c, weight in zip(self.candidates, self.weights.candidates, strict=True):
             lawful = self.lawful(c)
             add(UNKNOWN, weight * (1.0 - lawful))
-            if self._only_incident(c):
-                transient = self._transient_share(self._log_prior_of_only(c), self.found.healthy.rest)
+            if self._only_contact(c):
+                transient = self._transient_share(self._log_prior_of_name, c.before)
                 add(NO_GAP, weight * lawful * transient)
-                add(self._key_of_only(c), weight * lawful * (1.0 - transient))
+                add(self._contact, weight * lawful * (1.0 - transient))
             else:
                 add(self.main(c) if c.hypothesis.forms else NO_GAP, weight * lawful)
         for i, weight in zip(self.incidents, self.weights.incidents, strict=True):
-            transient = self._transient_share(self._log_prior_of_real(i), i.before)
+            transient = self._transient_share(self._log_prior_of_real_incident(i), i.before)
             add(NO_GAP, weight * transient)
             add(i.key, weight * (1.0 - transient))
         if not self.has_gap:
@@ -301,8 +307,8 @@ class HypothesisEvidence:
         return {k: p / whole for k, p in found.items()} if whole > 0.0 else {UNKNOWN: 1.0}
 
     def is_transient(self, i: BlockIncident | Spill) -> bool:
-        """Return whether an incident is rather a healthy machine's transient than real."""
-        return self._transient_share(self._log_prior_of_real(i), i.before) > HALF
+        """Return whether an incident is a healthy machine's transient, more probably than not."""
+        return self._transient_share(self._log_prior_of_real_incident(i), i.before) > HALF
 
     @property
     def first(self) -> Key:
@@ -382,7 +388,7 @@ class FreeEvidence:
     def of(cls, free: HypothesisEvidence) -> "FreeEvidence":
         """Return the evidence of hypotheses with free parameters."""
         more = float(np.log(SECOND_EFFECT))  # of an effect beside other parameters
-        priors = [free.prior_of(c) + more if c.hypothesis.forms else 0.0 for c in free.candidates]
+        priors = [free.prior_of(c) + more if c.hypothesis.forms or c.beside_contact else 0.0 for c in free.candidates]
         priors += [free.prior_of_incident(i) + more for i in free.incidents]
         logs = [c.log for c in free.candidates] + [i.log for i in free.incidents]
         return cls(np.array(logs), np.array(priors), free.strength)

@@ -1038,11 +1038,14 @@ class Candidate:
     hypothesis: lasting effects, with magnitudes
     question:   the recordings, corrected for its effects
     incident:   incident of single blocks besides them; None if there is none
+    before:     residual at the worst joint with the rows with contact, in noise floors; all else is as fitted without
+                them. Only of a hypothesis without effects
     """
 
     hypothesis: Hypothesis
     question: FieldQuestion
     incident: BlockIncident | None = None
+    before: float = np.inf
 
     @property
     def log(self) -> float:
@@ -1168,14 +1171,15 @@ def examined(
     first = max([*alone, *_likeliest_beside(question, case, best, wanted)], key=lambda i: i.log, default=None)
     if first and first.log > best.log and (first.share <= FEW_BLOCKS or first.key[0] != CONTACT):
         held = replace(case, nuisance=first.nuisance, apart=first.log_prior)
-        own = not any(first is i for i in alone)
-        candidates += [Candidate(h, question, first) for h in searched(held, allowed) if h.forms or own]
+        beside = searched(held, allowed)
+        candidates += [Candidate(h, question, first) for h in beside if h.forms]
+        alone = _with_likelier(alone, _without_effect(first, case, held, beside))
     if not without_gap(np.array([min(c.rest for c in candidates)]))[0]:
         single = [h for h in hypotheses if len(h.forms) == 1]
         for base in sorted(single, key=lambda h: -h.log)[:1]:
             candidates += _beside_contact(question, case, base, allowed)
         if (outside := _without_contact(question, question.plain)) is not None:
-            candidates.append(Candidate(outside[1].likeliest((), case.machine.noise), outside[0]))
+            candidates.append(_only_contact(outside[1].likeliest((), case.machine.noise), *outside, case))
     work = _work(question, candidates, alone)
     if work is not None:
         return _examined_at_work(question, work, wanted, gate)
@@ -1201,7 +1205,42 @@ def _beside_contact(
     outside = _without_contact(question, case.under(base.forms, case.state(base.noise))[2])
     if outside is None:
         return []
-    return [Candidate(h, outside[0]) for h in searched(outside[1], allowed)]
+    found = searched(outside[1], allowed)
+    effects = [Candidate(h, outside[0]) for h in found if h.forms]
+    return effects + [_only_contact(h, *outside, case) for h in found if not h.forms]
+
+
+def _only_contact(h: Hypothesis, question: FieldQuestion, outside: Likelihood, case: Likelihood) -> Candidate:
+    """Return a hypothesis without effects and without the rows with contact.
+
+    question: recordings without these rows
+    outside:  their likelihood
+    case:     likelihood of all rows
+    """
+    coefficients = outside.under((), outside.state(h.noise))[2]
+    return Candidate(h, question, before=float(np.max(case.rests(coefficients))))
+
+
+def _without_effect(
+    incident: BlockIncident, case: Likelihood, held: Likelihood, beside: Sequence[Hypothesis]
+) -> BlockIncident:
+    """Return an incident without any effect in the blocks in which it was found beside one.
+
+    case:   likelihood without it
+    held:   likelihood with it
+    beside: hypotheses with it; one has no effect
+    """
+    h = max((h for h in beside if not h.forms), key=lambda h: h.log)
+    before = float(np.max(case.rests(held.under((), held.state(h.noise))[2])))
+    return replace(incident, log=h.log, rest=h.rest, before=before)
+
+
+def _with_likelier(alone: list[BlockIncident], other: BlockIncident) -> list[BlockIncident]:
+    """Return incidents with another one in place of that of the same proposal, if it is likelier or there is none."""
+    same = [i for i in alone if i.proposal is other.proposal]
+    if any(i.log >= other.log for i in same):
+        return alone
+    return [*(i for i in alone if i.proposal is not other.proposal), other]
 
 
 def _without_contact(question: FieldQuestion, coefficients: Array) -> tuple[FieldQuestion, Likelihood] | None:
@@ -1311,6 +1350,7 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
     single = [c for c in plain if len(c.hypothesis.forms) == 1]
     sharper = {c: refined(c) for c in single[:SHAPED]}
     better = [other for c, other in sharper.items() if other.log > c.log]
+    plain = [c for c in plain if c.hypothesis.forms or not c.beside_contact]
     chosen = list(dict.fromkeys([*better, *plain[:AGAIN], *single[:AGAIN]]))
     found = [*candidates, *better]
     for c in chosen:
