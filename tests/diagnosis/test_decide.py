@@ -15,7 +15,15 @@ from cylforce.diagnosis.constants import (
     SECOND_EFFECT,
     SPILL,
 )
-from cylforce.diagnosis.decide import HypothesisEvidence, Verdict, as_simulated, costs, first_effect, one_answer
+from cylforce.diagnosis.decide import (
+    FreeEvidence,
+    HypothesisEvidence,
+    Verdict,
+    as_simulated,
+    costs,
+    first_effect,
+    one_answer,
+)
 from cylforce.diagnosis.likelihood import (
     TEMPERATURES,
     USUAL_CONDITIONS,
@@ -197,6 +205,13 @@ def test_an_effect_besides_contact_has_to_be_likelier_than_the_contact_alone():
     assert first(GAP, 1.0) == CONTACT
     assert first(1.2, 1.0) == NO_GAP
     assert first(1.2, 30.0) == OTHER
+
+
+def test_contact_alone_has_a_prior_beside_free_parameters_too():
+    free = FreeEvidence.of(evidence(beside_contact(600.0), beside_contact(601.0, 2)))
+    assert free.priors[0] == 0.0  # other parameters and no effect
+    assert free.priors[1] < np.log(SECOND_EFFECT)
+    assert free.priors[2] < free.priors[1]
 
 
 def test_contact_in_rows_is_that_of_the_likeliest_contact():

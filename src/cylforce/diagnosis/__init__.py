@@ -109,8 +109,9 @@ class Diagnosis:
     @property
     def other_temperature(self) -> bool:
         """True where the gap is what another temperature makes of a healthy machine."""
-        conditions = self.evidence.found.healthy.hypothesis.noise.conditions
-        return self.verdict is Verdict.NO_GAP and self.evidence.has_gap and conditions.temperature is not None
+        healthy = max((c for c in self.evidence.candidates if not c.hypothesis.forms), key=lambda c: c.log)
+        warm = healthy.hypothesis.noise.conditions.temperature is not None
+        return self.verdict is Verdict.NO_GAP and self.evidence.has_gap and warm
 
 
 def question_of(

@@ -22,7 +22,8 @@ from cylforce.diagnosis.search import CONTACT, NO_GAP, UNKNOWN, BlockIncident, C
 from cylforce.readings.constants import CREDIBLE, HALF, HEALTHY, UNKNOWN_EFFECT
 from cylforce.signals.estimate import Array
 
-LARGEST_OF_FOLDS = sum(1.0 / k for k in range(1, FOLDS + 1))  # of so many exponential energies, over their mean
+# Expectation of the largest of FOLDS exponential energies, over their mean: 1 + 1/2 + ... + 1/FOLDS.
+LARGEST_OVER_MEAN = sum(1.0 / k for k in range(1, FOLDS + 1))
 SURE = 1.0 / (1.0 + COSTS["unsaid"])  # of one name: from there on a name costs less than "unknown"
 
 
@@ -121,7 +122,7 @@ class HypothesisEvidence:
 
     def prior_of(self, c: Candidate) -> float:
         """Return the log prior probability of a hypothesis."""
-        if self._only_contact(c):
+        if self.is_contact_alone(c):
             return self._log_prior_with_transient(self._log_prior_of_name, c.before)
         if not c.hypothesis.forms:
             return float(np.log(HEALTHY))
@@ -133,8 +134,8 @@ class HypothesisEvidence:
     def _log_prior_of_name(self) -> float:
         return float(np.log((1.0 - HEALTHY - UNKNOWN_EFFECT) / self.names))
 
-    def _only_contact(self, c: Candidate) -> bool:
-        """Return whether a hypothesis has no effect, but contact in some rows of a machine that does not work."""
+    def is_contact_alone(self, c: Candidate) -> bool:
+        """Return whether a hypothesis has no effect, but contact in some rows; never in a working recording."""
         return not c.hypothesis.forms and c.beside_contact and self.found.work is None
 
     @property
@@ -156,10 +157,11 @@ class HypothesisEvidence:
             return name + effective_share(i.rest) * i.odds
         return name - float(np.log(self.found.question.incident_forms[i.key[0]]))
 
-    def _transient_odds(self, before: float) -> float:
-        """Return log density of a residual on healthy machines, over that with other causes; infinite of small ones.
+    def _log_transient_ratio(self, before: float) -> float:
+        """Return the log density of a residual on healthy machines, over that with contact or an incident.
 
-        before: residual if contact or an incident is not removed, in noise floors
+        It is infinite where the residual is no gap: a healthy machine is never called faulty then.
+        before: residual if contact or the incident is not removed, in noise floors
         """
         return np.inf if before**2 - 1.0 <= self.same_machine else self._log_density_ratio(before)
 
@@ -169,8 +171,8 @@ class HypothesisEvidence:
         real:   log prior probability that it is real
         before: residual if it is not removed, in noise floors
         """
-        odds = self._transient_odds(before)
-        return float(np.logaddexp(np.log(HEALTHY) + log_expit(odds), real + log_expit(-odds)))
+        ratio = self._log_transient_ratio(before)
+        return float(np.logaddexp(np.log(HEALTHY) + log_expit(ratio), real + log_expit(-ratio)))
 
     def _transient_share(self, real: float, before: float) -> float:
         """Return the probability that contact or an incident is a transient of a healthy machine and not real.
@@ -178,7 +180,7 @@ class HypothesisEvidence:
         real:   log prior probability that it is real
         before: residual if it is not removed, in noise floors
         """
-        return float(expit(np.log(HEALTHY) - real + self._transient_odds(before)))
+        return float(expit(np.log(HEALTHY) - real + self._log_transient_ratio(before)))
 
     # Posterior
 
@@ -202,16 +204,19 @@ class HypothesisEvidence:
     def _log_density_ratio(self, residual: float) -> float:
         """Return the log density of a residual's energy on healthy machines, over that with other causes.
 
-        The energy beyond the noise floor is exponential on healthy machines. The energy by which two recordings differ
-        is the largest of a few, which is about twice their mean; the mean is at least that of any two recordings. With
-        other causes the energy has a broad distribution, from nothing to well beyond the smallest visible gap.
+        The energy beyond the noise floor is exponential on healthy machines. Its mean follows from `same_machine`,
+        which is the largest of FOLDS such energies; it is at least SAME_MACHINE. With other causes the energy has a
+        broad distribution around VISIBLE.
         residual: at the worst joint, in noise floors
         """
-        energy, mean = max(residual**2 - 1.0, 0.0), max(SAME_MACHINE, self.same_machine / LARGEST_OF_FOLDS)
-        if energy == 0.0 or not np.isfinite(energy):
-            return np.inf if energy == 0.0 else -np.inf
-        healthy = -energy / mean - float(np.log(mean))
-        return healthy - float(np.log(2.0 * VISIBLE * energy)) + 3.0 * float(np.log(energy + VISIBLE))
+        energy, mean = max(residual**2 - 1.0, 0.0), max(SAME_MACHINE, self.same_machine / LARGEST_OVER_MEAN)
+        if energy == 0.0:
+            return np.inf
+        if not np.isfinite(energy):
+            return -np.inf
+        healthy = -energy / mean - float(np.log(mean))  # log of exp(-x/m) / m
+        other = float(np.log(2.0 * VISIBLE * energy)) - 3.0 * float(np.log(energy + VISIBLE))  # of 2 V x / (x + V)^3
+        return healthy - other
 
     @property
     def same_machine(self) -> float:
@@ -249,9 +254,9 @@ class HypothesisEvidence:
     def lawful(self, c: Candidate) -> float:
         """Return the probability that the residual of a hypothesis is a healthy one, or the error of its law.
 
-        At work its level does not count, as references do not show the model error of work. The probability is 1 for
-        effects that leave at most one noise floor, whatever the noise: a cause that the library lacks, but that looks
-        like one of its effects, counts as that effect.
+        The level of the residual does not count in working recordings: references do not show the model error of work.
+        The probability is 1 for effects that leave at most one noise floor, whatever the noise: a cause that the
+        library lacks, but that looks like one of its effects, counts as that effect.
         """
         healthy = self.usual(c.hypothesis)
         if self.found.work is None:
@@ -291,7 +296,7 @@ class HypothesisEvidence:
         for c, weight in zip(self.candidates, self.weights.candidates, strict=True):
             lawful = self.lawful(c)
             add(UNKNOWN, weight * (1.0 - lawful))
-            if self._only_contact(c):
+            if self.is_contact_alone(c):
                 transient = self._transient_share(self._log_prior_of_name, c.before)
                 add(NO_GAP, weight * lawful * transient)
                 add(self._contact, weight * lawful * (1.0 - transient))
@@ -388,7 +393,8 @@ class FreeEvidence:
     def of(cls, free: HypothesisEvidence) -> "FreeEvidence":
         """Return the evidence of hypotheses with free parameters."""
         more = float(np.log(SECOND_EFFECT))  # of an effect beside other parameters
-        priors = [free.prior_of(c) + more if c.hypothesis.forms or c.beside_contact else 0.0 for c in free.candidates]
+        healthy = [not c.hypothesis.forms and not free.is_contact_alone(c) for c in free.candidates]
+        priors = [0.0 if h else free.prior_of(c) + more for c, h in zip(free.candidates, healthy, strict=True)]
         priors += [free.prior_of_incident(i) + more for i in free.incidents]
         logs = [c.log for c in free.candidates] + [i.log for i in free.incidents]
         return cls(np.array(logs), np.array(priors), free.strength)

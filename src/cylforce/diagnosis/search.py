@@ -1038,8 +1038,8 @@ class Candidate:
     hypothesis: lasting effects, with magnitudes
     question:   the recordings, corrected for its effects
     incident:   incident of single blocks besides them; None if there is none
-    before:     residual at the worst joint with the rows with contact, in noise floors; all else is as fitted without
-                them. Only of a hypothesis without effects
+    before:     residual at the worst joint of all rows, in noise floors, where the rows with contact were left out of
+                the fit; infinite of other hypotheses than contact alone
     """
 
     hypothesis: Hypothesis
@@ -1179,7 +1179,7 @@ def examined(
         for base in sorted(single, key=lambda h: -h.log)[:1]:
             candidates += _beside_contact(question, case, base, allowed)
         if (outside := _without_contact(question, question.plain)) is not None:
-            candidates.append(_only_contact(outside[1].likeliest((), case.machine.noise), *outside, case))
+            candidates.append(_contact_alone(outside[1].likeliest((), case.machine.noise), *outside, case))
     work = _work(question, candidates, alone)
     if work is not None:
         return _examined_at_work(question, work, wanted, gate)
@@ -1201,17 +1201,20 @@ def _likeliest_beside(
 def _beside_contact(
     question: FieldQuestion, case: Likelihood, base: Hypothesis, allowed: Sequence[int]
 ) -> list[Candidate]:
-    """Return hypotheses without the rows with contact, located by a hypothesis of one effect; one has no effect."""
+    """Return hypotheses without the rows with contact, located by a hypothesis of one effect.
+
+    Some have no effect: contact alone, with which the others compete.
+    """
     outside = _without_contact(question, case.under(base.forms, case.state(base.noise))[2])
     if outside is None:
         return []
     found = searched(outside[1], allowed)
     effects = [Candidate(h, outside[0]) for h in found if h.forms]
-    return effects + [_only_contact(h, *outside, case) for h in found if not h.forms]
+    return effects + [_contact_alone(h, *outside, case) for h in found if not h.forms]
 
 
-def _only_contact(h: Hypothesis, question: FieldQuestion, outside: Likelihood, case: Likelihood) -> Candidate:
-    """Return a hypothesis without effects and without the rows with contact.
+def _contact_alone(h: Hypothesis, question: FieldQuestion, outside: Likelihood, case: Likelihood) -> Candidate:
+    """Return the hypothesis of contact alone: no effect, and the rows with contact left out of the fit.
 
     question: recordings without these rows
     outside:  their likelihood
@@ -1224,7 +1227,7 @@ def _only_contact(h: Hypothesis, question: FieldQuestion, outside: Likelihood, c
 def _without_effect(
     incident: BlockIncident, case: Likelihood, held: Likelihood, beside: Sequence[Hypothesis]
 ) -> BlockIncident:
-    """Return an incident without any effect in the blocks in which it was found beside one.
+    """Return the hypothesis of an incident alone, in the blocks in which it was found beside an effect.
 
     case:   likelihood without it
     held:   likelihood with it
@@ -1346,11 +1349,12 @@ def _at_magnitudes(question: FieldQuestion, candidates: list[Candidate], allowed
     def order(c: Candidate) -> float:
         return -c.log
 
-    plain = sorted((c for c in candidates if c.incident is None), key=order)
+    # Contact alone has no magnitude to be renewed at.
+    renewable = [c for c in candidates if c.incident is None and (c.hypothesis.forms or not c.beside_contact)]
+    plain = sorted(renewable, key=order)
     single = [c for c in plain if len(c.hypothesis.forms) == 1]
     sharper = {c: refined(c) for c in single[:SHAPED]}
     better = [other for c, other in sharper.items() if other.log > c.log]
-    plain = [c for c in plain if c.hypothesis.forms or not c.beside_contact]
     chosen = list(dict.fromkeys([*better, *plain[:AGAIN], *single[:AGAIN]]))
     found = [*candidates, *better]
     for c in chosen:

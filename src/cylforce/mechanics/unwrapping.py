@@ -71,8 +71,8 @@ class Unwrapping:
     def _sensors(self, j: int, *, needed: bool) -> JointSensors:
         """Return the sensors of joint j: its encoder and its link's inclinometer.
 
-        If it has neither and `needed`, also the measured length of a cylinder that acts on this joint only, with a
-        table of the joint's angle by that length.
+        A joint without both may have its angle from a cylinder's measured length, with a table of the angle by that
+        length. The cylinder acts on this joint only. That length is returned only if `needed`.
 
         needed: whether a link farther out has an inclinometer, for which the angle of this joint must be known
         """

@@ -257,6 +257,9 @@ def _beside(found: Diagnosis) -> tuple[float, Key | None]:
     best = max(evidence.candidates, key=lambda c: strength * c.log + evidence.prior_of(c))
     if best.hypothesis.forms and best.incident is not None:
         return block_s * float(np.sum(best.incident.sizes > 0.0)), best.incident.key
+    if found.verdict is Verdict.NO_GAP and evidence.is_contact_alone(best):
+        left_out = sum(np.count_nonzero(~rows) for rows in best.counted())
+        return float(left_out / question.machine.regressors.rows_hz), None
     alone = [i for i in evidence.incidents if isinstance(i, BlockIncident) and evidence.is_transient(i)]
     first = max(alone, key=lambda i: i.log, default=None)
     healthy = evidence.found.healthy.log
