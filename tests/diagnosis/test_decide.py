@@ -130,6 +130,24 @@ def test_evidence_counts_less_beside_a_residual_that_nothing_explains():
     assert log_odds(1e3) < log_odds(2.0) < log_odds(1.5) < 40.0
 
 
+def test_evidence_counts_less_with_references_whose_parts_hardly_predict_each_other():
+    """Of two hypotheses that leave the same, the likelier one is less sure: what differs may be the references."""
+
+    def odds(spread):
+        found = evidence(candidate(40.0, 0), candidate(34.0, 2), spread=spread).posterior
+        return np.log(found[MASS] / found[OTHER])
+
+    assert odds(SAME_MACHINE) == pytest.approx(6.0, rel=0.01)
+    assert odds(1e6) == pytest.approx(6.0 / CORRELATED_ROWS, rel=0.01)
+    assert odds(16.0) < odds(3.0) < 6.0
+
+
+def test_a_visible_gap_is_hidden_by_references_that_differ_as_much_among_themselves():
+    assert evidence(gap=GAP, spread=GAP**2).is_hidden
+    assert not evidence(gap=GAP).is_hidden
+    assert not evidence(gap=1.5, spread=GAP**2).is_hidden  # no such gap is visible
+
+
 @pytest.mark.parametrize(("rest", "first"), [(5.0, OTHER), (60.0, UNKNOWN)])
 def test_a_law_leaves_a_share_of_a_large_gap_but_not_half_of_it(rest, first):
     """Beside a noise that no healthy machine has: a twentieth of the gap is the law's, half of it nothing known."""

@@ -8,8 +8,20 @@ import pytest
 from cylforce.diagnosis import concluded, diagnose
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN
+from cylforce.effects.library import LIBRARY, proposals
 from cylforce.readings.constants import HALF
-from diagnosis.scenes import MACHINE, diagnosed, dug, effect, healthy_machine, names, recorded
+from diagnosis.scenes import (
+    MACHINE,
+    PROPOSALS,
+    REFERENCE_SEEDS,
+    diagnosed,
+    dug,
+    effect,
+    healthy_machine,
+    learnt_from,
+    names,
+    recorded,
+)
 
 FIELD, CHECK_UP = 5, 6  # seeds of recordings that nothing was learnt from
 SIGNALS = [s.name for s in MACHINE.signals]
@@ -47,6 +59,39 @@ def test_oil_of_another_temperature_is_no_fault():
     assert (found.verdict, names(found)) == (Verdict.NO_GAP, [])
     assert found.other_temperature
     assert not diagnosed((FIELD, ())).other_temperature
+
+
+def test_cold_oil_that_warms_is_no_fault():
+    """The friction of all cylinders falls together; if that of one alone falls, it is a fault of that one."""
+    drift = "friction_temperature_drift"
+    wanted = (*PROPOSALS, *proposals(MACHINE, tuple(g for g in LIBRARY if g[0].about.name == drift)))
+    machine = learnt_from(*(recorded(seed) for seed in REFERENCE_SEEDS), wanted=wanted)
+
+    def found(*effects):
+        return diagnose(machine, [recorded(FIELD, *effects)], np.random.default_rng(1))
+
+    sizes = {("viscous_friction", "stick"): 1e4, ("viscous_friction", "bucket"): 8e3}
+    sizes |= {("coulomb_friction", "stick"): 1200.0, ("coulomb_friction", "bucket"): 1000.0}
+    colder = tuple(effect(*key, size) for key, size in sizes.items())
+    cold = found(*colder, effect(drift, "machine", -0.8, shape={"settling": 60.0}))
+    assert (cold.verdict, names(cold)) == (Verdict.NO_GAP, [])
+    assert cold.other_temperature
+    alone = found(effect(drift, "stick", -0.8, shape={"settling": 60.0, "alone": True}))
+    assert names(alone)[0] == (drift, "stick")
+
+
+def test_no_gap_is_not_said_where_the_references_differ_as_much_as_the_recording():
+    """Still postures predict no motion: what moves differs visibly then, and no effect may be its cause here."""
+    plain = healthy_machine()
+    torn = replace(plain, floor_unseen=plain.floor.rms**2 * np.repeat([[1.0], [900.0]], 2, axis=0))
+    field = [recorded(FIELD, effect("coulomb_friction", "stick", 1500.0))]
+
+    def found(machine):
+        return diagnose(machine, field, np.random.default_rng(1), lambda _: False)
+
+    assert found(torn).evidence.gap < np.sqrt(1.0 + torn.spread)
+    assert found(torn).verdict is Verdict.NOT_OBSERVABLE
+    assert found(plain).verdict is Verdict.UNKNOWN
 
 
 def test_zeros_of_all_pressure_sensors_at_another_temperature_are_no_fault():

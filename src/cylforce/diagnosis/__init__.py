@@ -254,7 +254,8 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
     """Return the answer with the least cost whose causes are not contradicted by their simulation.
 
     A contradicted cause is withdrawn. Bayes' rule holds among the others: the next one is simulated. Beside that, mass
-    and first moment of a link are one answer (`one_answer`). At work, no gap and unknown become not observable.
+    and first moment of a link are one answer (`one_answer`). At work, no gap and unknown become not observable; so
+    does no gap with references that show too little motion.
     """
     question = found.question
     evidence, same = one_answer(HypothesisEvidence(found))
@@ -265,8 +266,8 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
         cost = costs(evidence, key)
         verdict = min(cost, key=lambda v: cost[v])
         if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
-            if found.work is not None:  # unknown loads and contact may hide either
-                verdict = Verdict.NOT_OBSERVABLE
+            if found.work is not None or (verdict is Verdict.NO_GAP and evidence.is_hidden):
+                verdict = Verdict.NOT_OBSERVABLE  # unknown loads and contact, or poor references, may hide an effect
             return _answer(evidence, verdict, (), plain, refuted, same)
         named, simulated, objection = _tried(evidence, key, rng)
         if not objection:

@@ -194,6 +194,11 @@ class HypothesisEvidence:
         """True where the gap is larger than between two recordings of a healthy machine."""
         return self.gap**2 - 1.0 > self.same_machine
 
+    @property
+    def is_hidden(self) -> bool:
+        """True where a visible gap is no larger than between parts of the references: they show too little motion."""
+        return not self.has_gap and self.gap**2 - 1.0 > VISIBLE
+
     def probability_healthy(self, residual: float) -> float:
         """Return the probability that a residual is a healthy machine's, not one of a cause that the library lacks.
 
@@ -225,15 +230,17 @@ class HypothesisEvidence:
 
     @cached_property
     def strength(self) -> float:
-        """Factor that tempers all evidence, from the refitted residual of the likeliest hypothesis.
+        """Factor that tempers all evidence.
 
+        It follows from the refitted residual of the likeliest hypothesis, or from the larger one with which parts of
+        the references predict each other: both are model error.
         With unknown loads and contact all evidence counts as model error: references do not show that kind of motion.
         """
         if self.found.work is not None:
             return 1.0 / CORRELATED_ROWS
         each = [(c.log + self.prior_of(c), c.rest) for c in self.candidates]
         each += [(i.log + self.prior_of_incident(i), i.rest) for i in self.incidents]
-        return effective_share(max(each)[1])
+        return effective_share(max(max(each)[1], float(np.sqrt(1.0 + self.same_machine))))
 
     @cached_property
     def weights(self) -> HypothesisWeights:

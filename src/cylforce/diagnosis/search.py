@@ -393,10 +393,14 @@ class FieldQuestion:
             if law != "directional":  # a difference between the directions may grow either way
                 friction += np.outer(change, change)
             friction += np.diag(np.square(OWN_OIL_CHANGE * change))
+        laws = np.zeros(len(unit))
         for p, columns in zip(self.machine.layout.proposals, self.machine.layout.places, strict=True):
             if p.name == OFFSET:
                 zeros[list(columns)] = THERMAL_ZERO / unit[list(columns)]
-        return TemperatureChange(np.diag(np.square(zeros)), friction)
+            elif p.follows_oil and not p.of_parameters:
+                part = 1.0 if p.about.place is Place.MACHINE else OWN_OIL_CHANGE
+                laws[list(columns)] = part * np.array(p.unnoticed) / unit[list(columns)]
+        return TemperatureChange(np.diag(np.square(zeros)), friction + np.diag(np.square(laws)))
 
     def with_refined(self, refined: Refined | None) -> "FieldQuestion":
         """Return the question with an effect whose shape is refined, its columns appended; None: without one."""

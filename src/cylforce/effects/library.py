@@ -15,6 +15,7 @@ from cylforce.effects.fault import (
     Incident,
     MassChange,
     PartOfFriction,
+    Share,
     TimeCourse,
     places,
     unnoticed_sizes,
@@ -161,6 +162,11 @@ class Proposal(NamedTuple):
     def rubs(self) -> bool:
         """True where it is a force along one cylinder (`ForceLaw`): friction, or pressure lost in the lines."""
         return isinstance(self.group[0], ForceLaw)
+
+    @property
+    def follows_oil(self) -> bool:
+        """True where it depends on the viscosity of the oil: a force along one cylinder, or a share of the friction."""
+        return isinstance(self.group[0], ForceLaw | Share | PinFriction)
 
     @property
     def rides(self) -> bool:
