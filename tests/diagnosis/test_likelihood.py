@@ -395,14 +395,6 @@ def test_evidence_from_elsewhere_is_added():
     assert more.hypothesis((1,), USUAL).log == case.hypothesis((1,), USUAL).log
 
 
-def test_another_motion_than_the_references_is_less_certain():
-    """A column that is three times as large has three times the error of its parameter in the torques."""
-    found = rows(3)
-    wide = found * np.array([3.0, 3.0, 3.0, 3.0, 1.0], dtype=np.float32)
-    narrow, other = (likelihood(each).torque_uncertainty() for each in (found, wide))
-    assert other == pytest.approx(3.0 * narrow, rel=1e-4)
-
-
 # Nuisances of blocks
 
 

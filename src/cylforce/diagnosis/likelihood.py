@@ -940,12 +940,6 @@ class Likelihood:
     support: Callable[[int, Array], float] = _no_support
     apart: float = 0.0
 
-    def torque_uncertainty(self) -> float:
-        """Return the standard deviation of the modelled torques at the worst joint, in noise floors (rms)."""
-        known = self.gram.whole[:, :-1, :-1]
-        energy = np.einsum("rij,ij->r", known, self.machine.covariance)
-        return float(np.sqrt(np.max(np.maximum(energy, 0.0) / np.maximum(self.gram.rows, 1.0))))
-
     @cached_property
     def _states(self) -> dict[tuple[bytes, bytes, Conditions], MarginalLikelihood]:
         return {}
