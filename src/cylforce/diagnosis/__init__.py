@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cylforce.diagnosis.constants import SAME_MACHINE
 from cylforce.diagnosis.decide import (
     SURE,
     FreeEvidence,
@@ -165,7 +164,7 @@ def diagnose(
     watch("locating the gap, simulating the effects")
     diagnosis = concluded(found, rng)
     watch("the model's own parameters")
-    if free is None or found.work is not None or diagnosis.verdict is Verdict.NO_GAP:
+    if free is None or found.work is not None or diagnosis.verdict in (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE):
         return diagnosis
     if other is None or not other.exceeds(diagnosis.evidence):
         return diagnosis
@@ -255,7 +254,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
 
     A contradicted cause is withdrawn. Bayes' rule holds among the others: the next one is simulated. Beside that, mass
     and first moment of a link are one answer (`one_answer`). At work, no gap and unknown become not observable; so
-    does no gap with references that show too little motion.
+    does no gap that leaves a visible residual, because the references differ as much.
     """
     question = found.question
     evidence, same = one_answer(HypothesisEvidence(found))
@@ -328,7 +327,7 @@ def _shows(question: FieldQuestion, cause: Cause, alone: Simulated, law_error: f
     most = int(np.argmax(torque / floor))
     before, after = (float(rms(each)[most] / floor[most]) for each in (alone.before, alone.after))
     law = law_error**2 * max(before**2 - 1.0, 0.0)
-    return after**2 > 1.0 + SAME_MACHINE + law
+    return after**2 > 1.0 + float(question.machine.spread_of_joints[most]) + law
 
 
 def added_torque(question: FieldQuestion, cause: Cause) -> list[Array]:

@@ -196,8 +196,15 @@ class HypothesisEvidence:
 
     @property
     def is_hidden(self) -> bool:
-        """True where a visible gap is no larger than between parts of the references: they show too little motion."""
-        return not self.has_gap and self.gap**2 - 1.0 > VISIBLE
+        """True where a healthy machine leaves a visible residual, because its references differ as much.
+
+        That of contact alone and of an incident is the residual with its torque not removed.
+        """
+        alone, weights = self.is_contact_alone, self.weights
+        each = zip(self.candidates, weights.candidates, strict=True)
+        healthy = [(w, c.before if alone(c) else c.rest) for c, w in each if not c.hypothesis.forms]
+        healthy += [(w, i.before) for i, w in zip(self.incidents, weights.incidents, strict=True)]
+        return max(healthy)[1] ** 2 - 1.0 > VISIBLE
 
     def probability_healthy(self, residual: float) -> float:
         """Return the probability that a residual is a healthy machine's, not one of a cause that the library lacks.
@@ -209,12 +216,11 @@ class HypothesisEvidence:
     def _log_density_ratio(self, residual: float) -> float:
         """Return the log density of a residual's energy on healthy machines, over that with other causes.
 
-        The energy beyond the noise floor is exponential on healthy machines. Its mean follows from `same_machine`,
-        which is the largest of FOLDS such energies; it is at least SAME_MACHINE. With other causes the energy has a
-        broad distribution around VISIBLE.
+        The energy beyond the noise floor is exponential on healthy machines. With other causes it has a broad
+        distribution around VISIBLE.
         residual: at the worst joint, in noise floors
         """
-        energy, mean = max(residual**2 - 1.0, 0.0), max(SAME_MACHINE, self.same_machine / LARGEST_OVER_MEAN)
+        energy, mean = max(residual**2 - 1.0, 0.0), self._mean_energy
         if energy == 0.0:
             return np.inf
         if not np.isfinite(energy):
@@ -228,19 +234,28 @@ class HypothesisEvidence:
         """Energy by which two recordings of this machine may differ, in squared floors."""
         return self.found.question.machine.spread
 
+    @property
+    def _mean_energy(self) -> float:
+        """Mean energy by which recordings of this machine differ, in squared floors; at least SAME_MACHINE.
+
+        `same_machine` is the largest of FOLDS such energies.
+        """
+        return max(SAME_MACHINE, self.same_machine / LARGEST_OVER_MEAN)
+
     @cached_property
     def strength(self) -> float:
         """Factor that tempers all evidence.
 
         It follows from the refitted residual of the likeliest hypothesis, or from the larger one with which parts of
-        the references predict each other: both are model error.
-        With unknown loads and contact all evidence counts as model error: references do not show that kind of motion.
+        the references predict each other: both are model error. All evidence counts as model error with unknown loads
+        and contact, and with oil of another temperature: references do not show that motion and that friction.
         """
-        if self.found.work is not None:
+        each = [(c.log + self.prior_of(c), c.rest, c.hypothesis.noise.conditions.other_oil) for c in self.candidates]
+        each += [(i.log + self.prior_of_incident(i), i.rest, False) for i in self.incidents]
+        _, rest, other_oil = max(each)
+        if self.found.work is not None or other_oil:
             return 1.0 / CORRELATED_ROWS
-        each = [(c.log + self.prior_of(c), c.rest) for c in self.candidates]
-        each += [(i.log + self.prior_of_incident(i), i.rest) for i in self.incidents]
-        return effective_share(max(max(each)[1], float(np.sqrt(1.0 + self.same_machine))))
+        return effective_share(max(rest, float(np.sqrt(1.0 + self._mean_energy))))
 
     @cached_property
     def weights(self) -> HypothesisWeights:

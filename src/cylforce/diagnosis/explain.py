@@ -484,13 +484,13 @@ def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], fo
     if not closed >= LEAST_CLOSURE:  # NaN is no closure
         return f"simulated with {names}, the machine hardly comes nearer to the recordings: not named"
     floor, machine = question.machine.floor.rms, question.machine.regressors.model.machine
-    worse = rms(found.after) ** 2 - rms(found.before) ** 2 > question.machine.spread * floor**2
+    worse = rms(found.after) ** 2 - rms(found.before) ** 2 > question.machine.spread_of_joints * floor**2
     if np.any(worse):
         joint = machine.links[machine.rows[int(np.argmax(worse))]].name
         return f"simulated with {names}, the {joint} differs more from the recordings than before: not named"
     unit = _weight_of_floor(question)
     before, after = (weight_error(question, e) / unit for e in (found.before, found.after))
-    if after**2 - before**2 > question.machine.spread:
+    if after**2 - before**2 > np.min(question.machine.spread_of_joints):
         return f"simulated with {names}, weights are more wrong than before: not named"
     return ""
 

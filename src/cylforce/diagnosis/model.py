@@ -262,16 +262,21 @@ class HealthyMachine:
     loaded: bool = False
     returns: dict[int, ReturnLaw] = field(default_factory=dict)
 
-    @cached_property
+    @property
     def spread(self) -> float:
-        """Energy by which two of its recordings may differ at a joint, in squared floors.
+        """Energy by which two of its recordings may differ at the worst joint, in squared floors."""
+        return float(np.max(self.spread_of_joints))
+
+    @cached_property
+    def spread_of_joints(self) -> Array:
+        """Energy (R,) by which two of its recordings may differ, in squared floors.
 
         At least that of any two recordings of a healthy machine; more where a part of its own recordings, predicted
         from the others, leaves more: one minute of strokes does not predict other motion.
         """
         floors = np.where(self.known & (self.floor.rms > 0.0), self.floor.rms**2, np.inf)
         parts = [np.ma.masked_invalid(part / floors).mean(axis=0) for part in np.array_split(self.floor_unseen, FOLDS)]
-        return max(SAME_MACHINE, float(np.ma.max(np.ma.stack(parts).filled(0.0))) - 1.0)
+        return np.asarray(np.maximum(SAME_MACHINE, np.max(np.ma.stack(parts).filled(0.0), axis=0) - 1.0))
 
 
 def fitted_parameters(model: Model, recordings: Sequence[Recording]) -> Array:

@@ -378,8 +378,9 @@ class FieldQuestion:
     def temperature_change(self) -> TemperatureChange:
         """Change of the healthy machine at another temperature, in typical sizes of the columns.
 
-        The friction of all cylinders changes together, and each a little by itself. The magnitude of a law is known
-        better for all cylinders together than for one: it is divided by piston area.
+        The friction of all cylinders changes together, also in the course of the recording, and each a little by
+        itself. The magnitude of a law is known better for all cylinders together than for one: it is divided by piston
+        area.
         """
         regressors, unit = self.machine.regressors, self.machine.layout.unit
         values = regressors.parameters + self.machine.values[: len(regressors.parameters)]
@@ -393,14 +394,13 @@ class FieldQuestion:
             if law != "directional":  # a difference between the directions may grow either way
                 friction += np.outer(change, change)
             friction += np.diag(np.square(OWN_OIL_CHANGE * change))
-        laws = np.zeros(len(unit))
+        warming = [p for p in self.machine.layout.proposals if p.is_warming]
         for p, columns in zip(self.machine.layout.proposals, self.machine.layout.places, strict=True):
             if p.name == OFFSET:
                 zeros[list(columns)] = THERMAL_ZERO / unit[list(columns)]
-            elif p.follows_oil and not p.of_parameters:
-                part = 1.0 if p.about.place is Place.MACHINE else OWN_OIL_CHANGE
-                laws[list(columns)] = part * np.array(p.unnoticed) / unit[list(columns)]
-        return TemperatureChange(np.diag(np.square(zeros)), friction + np.diag(np.square(laws)))
+            elif p.is_warming:  # of one or another time constant
+                friction[columns, columns] = np.square(p.unnoticed / unit[list(columns)]) / len(warming)
+        return TemperatureChange(np.diag(np.square(zeros)), friction)
 
     def with_refined(self, refined: Refined | None) -> "FieldQuestion":
         """Return the question with an effect whose shape is refined, its columns appended; None: without one."""

@@ -15,6 +15,7 @@ from cylforce.effects.fault import (
     Incident,
     MassChange,
     PartOfFriction,
+    Place,
     Share,
     TimeCourse,
     places,
@@ -164,9 +165,9 @@ class Proposal(NamedTuple):
         return isinstance(self.group[0], ForceLaw)
 
     @property
-    def follows_oil(self) -> bool:
-        """True where it depends on the viscosity of the oil: a force along one cylinder, or a share of the friction."""
-        return isinstance(self.group[0], ForceLaw | Share | PinFriction)
+    def is_warming(self) -> bool:
+        """True where the friction of all cylinders changes together in the course of a recording, as oil warms."""
+        return isinstance(self.group[0], Share) and self.about.place is Place.MACHINE
 
     @property
     def rides(self) -> bool:

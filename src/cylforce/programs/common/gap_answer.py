@@ -248,7 +248,8 @@ def _reason(found: Diagnosis) -> str:
         at = f" at the {at}" if at else ""
         of = {KnowledgeSource.IDENTIFICATION: "the identified model's", KnowledgeSource.SIMULATION: "the simulation's"}
         return (
-            f"the torques{at} differ from {of.get(source, 'the references')}, but in order may, too, in another motion"
+            f"the torques{at} differ from {of.get(source, 'the references')}, but a machine in order may, too: its "
+            "recordings differ as much from each other"
         )
     told = [f"{name} at {at}" for name, at in _effects_by_probability(found)][:MOST_LISTED]
     most = f"; the most probable: {', '.join(told)}" if told and source is not KnowledgeSource.IDENTIFICATION else ""
