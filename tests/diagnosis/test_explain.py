@@ -133,6 +133,20 @@ def test_a_cause_that_makes_a_joint_worse_is_contradicted():
     assert "the bucket differs more from the recordings than before" in said
 
 
+@pytest.mark.parametrize(("joint", "contradicted"), [(0, True), (1, False)])
+def test_a_joint_may_become_worse_by_as_much_as_its_own_references_differ(joint, contradicted):
+    """References that differ at the stick say nothing of the bucket."""
+    found = diagnosed((FIELD, (FAULT,)))
+    question, cause = found.evidence.found.question, found.named[0].cause
+    machine = question.machine
+    unseen = np.broadcast_to(machine.floor.rms**2, machine.floor_unseen.shape).copy()
+    unseen[:, joint] *= 9.0
+    question = replace(question, machine=replace(machine, floor_unseen=unseen))
+    flat = [np.broadcast_to(machine.floor.rms, seen.rows.residual.shape) for seen in question.seen]
+    worse = replace(found.simulated, before=flat, after=[e * [1.0, 2.4] for e in flat], closure=1.0, high=1.0)
+    assert ("the bucket differs more" in objection_to_simulation(question, (cause,), worse)) == contradicted
+
+
 def test_a_cause_that_makes_weights_worse_is_contradicted():
     """Before: as much torque that weighs nothing, for it changes its sign half-way."""
     found = diagnosed((FIELD, (FAULT,)))

@@ -67,6 +67,7 @@ def test_two_recordings_may_differ_as_much_as_a_part_of_the_references_from_the_
     unlike[:2, 1] *= 3.0  # of four parts the first, at the second joint
     assert replace(machine, floor_unseen=alike).spread == pytest.approx(SAME_MACHINE)
     assert replace(machine, floor_unseen=unlike).spread == pytest.approx(2.0)
+    assert replace(machine, floor_unseen=unlike).spread_of_joints == pytest.approx([SAME_MACHINE, 2.0])
     unlike[:2, 0] = np.nan  # a joint that does not move there
     assert replace(machine, floor_unseen=unlike).spread == pytest.approx(2.0)
 
