@@ -240,8 +240,9 @@ def sentences_of(machine: Machine, checked: Checked) -> list[str]:
         End.OPEN: "not decided yet",
     }
     found = [ends[checked.end]]
-    if checked.found.diagnosis is None and "reason" in checked.found.answer:
-        found.append(checked.found.answer["reason"])
+    unsaid = checked.found.diagnosis is None or checked.end is End.NO_MOTION
+    if unsaid and "reason" in checked.found.answer:
+        found += [checked.found.answer["reason"], *checked.found.answer.get("next_experiment", [])[:1]]
     if checked.end in (End.INSEPARABLE, End.NO_MOTION):
         found += [f"check by hand: {check}" for check in checked.by_hand]
     if checked.end is End.OPEN:
