@@ -18,7 +18,9 @@ from scipy.optimize import lsq_linear
 
 from cylforce.effects.effect import Effect, Halves, Parameter
 from cylforce.effects.fault import (
+    ALL_ALONG,
     INCIDENTAL,
+    OVER_BLOCKS,
     SHAPES,
     Alteration,
     BaseMotion,
@@ -68,15 +70,12 @@ from cylforce.readings.recording import Recording
 from cylforce.signals.estimate import Array
 from cylforce.signals.kinds import Kind
 
-LOAD_COLUMNS = slice(0, 4)  # of the incidental columns: mass, first moments x and z, moment of inertia of a load
 CLOCK_COLUMN = INCIDENTAL.index("clock")
 BARS = 100.0  # kg m: standard deviation of the first moments of a linkage's bars; physics: 100 kg at 1 m
 # Decay of the polynomials of an incident's course within a block, from the level on; convention: a smooth function.
 COURSE = (1.0, 0.6, 0.5, 0.35, 0.25, 0.2)
-# Typical sizes of the incidental columns: a load of 500 kg, a clock 0.05 s late, a force at the teeth of 8 kN, a
-# squared slew rate of 0.3 rad^2/s^2, and a free torque of 5 kN m.
-TYPICAL = (500.0, 300.0, 300.0, 600.0, 0.05, *(share * size for share in COURSE for size in (8e3, 8e3, 0.3)))
-FREE_TORQUE = 5e3
+TYPICAL = (*ALL_ALONG.values(), *(share * size for share in COURSE for size in OVER_BLOCKS.values()))
+FREE_TORQUE = 5e3  # N m, typical size of a torque in a single block
 DEAD_SLEW = 0.01  # rad/s, below which a slew sensor may be dead
 LATE_STEP = 0.01  # s, of the difference quotient by the clock
 LOAD_S = 100.0  # s of a recording, to which the centre of a known load is fitted; chosen, below NOISE_S
@@ -358,7 +357,8 @@ class Regressors:
         known = dict(zip((p.name for p in self.model.parameters), run.parameters.tolist(), strict=True))
         slew = found[..., 3:] @ np.array([known.get(name, 0.0) for name in plain.names[3:]])
         unmeasured = np.abs(moved.motion.slew) < DEAD_SLEW  # a slew that is measured is no incident
-        local = np.concatenate([found[..., :2], (slew * unmeasured[:, None])[..., None]], axis=-1)
+        each = {"tip.x": found[..., 0], "tip.z": found[..., 1], "slew": slew * unmeasured[:, None]}
+        local = np.stack([each[name] for name in OVER_BLOCKS], axis=-1)
         steps = np.arange(len(base)) - self.slow.settle_steps
         within = courses((steps % BLOCK_ROWS + 0.5) / BLOCK_ROWS)
         forces = [local * course[:, None, None] for course in within]

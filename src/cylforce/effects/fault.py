@@ -416,12 +416,12 @@ def unnoticed_sizes(effect: Fault) -> tuple[float, ...]:
 
 BEYOND = 1.3  # times the largest plausible magnitude: what is larger is neither found nor simulated; convention
 SHAPES = 6  # Legendre polynomials of degree 0 to 5, each of mean square one over the block; number chosen
-# Columns of incidents: an additional load in the bucket; a delay of all pressures by one second; and, over each block
-# with the course of each of SHAPES polynomials, a force at the teeth and a square of the slew rate of 1 rad^2/s^2.
-INCIDENTAL = (
-    *("load.mass", "load.X", "load.Z", "load.J", "clock"),
-    *(f"{name}.{k}" for k in range(SHAPES) for name in ("tip.x", "tip.z", "slew")),
-)
+# Columns of incidents by name, with their typical sizes [SI]: an additional load in the bucket, a delay of all
+# pressures; over each block, with the course of each of SHAPES polynomials, a force at the teeth and a square of the
+# slew rate.
+ALL_ALONG = {"load.mass": 500.0, "load.X": 300.0, "load.Z": 300.0, "load.J": 600.0, "clock": 0.05}
+OVER_BLOCKS = {"tip.x": 8e3, "tip.z": 8e3, "slew": 0.3}
+INCIDENTAL = (*ALL_ALONG, *(f"{name}.{k}" for k in range(SHAPES) for name in OVER_BLOCKS))
 TORQUES = tuple(f"torque.{k}" for k in range(SHAPES))  # the same for a torque, once for every measured joint
 ANGLES = (Kind.JOINT_ANGLE, Kind.LINK_INCLINATION, Kind.CYLINDER_LENGTH)
 PRESSURES = (Kind.HEAD_PRESSURE, Kind.ROD_PRESSURE, Kind.FORCE_PIN)
