@@ -48,7 +48,7 @@ class ClockSlip:
     sensors:      names of the pressure sensors on that clock
     whole:        whether these are all pressure sensors of joints that move
     alternatives: lags (first, last) [s] that fit nearly as well
-    nats:         evidence of some other clock against one clock: that of the best one, less the log of how many are tried
+    nats:         evidence of another clock against one clock: that of the best one, less the log of how many are tried
     """
 
     name: str
