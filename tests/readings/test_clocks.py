@@ -67,35 +67,6 @@ def test_each_sensor_may_have_a_clock_of_its_own(values, only):
     assert fault.last == pytest.approx(fault.ends / 9.0, abs=4.0 * fault.errors[1] + 0.02)
 
 
-class FittingJoint:
-    """Joint that fits a clock half a second late, and no other."""
-
-    names, ends, t, choices = ("head", "rod"), 60.0, np.arange(0.0, 60.0, 0.5), ((0, 1),)
-
-    def __init__(self, nats):
-        self.nats = nats
-
-    def gains(self, choices, clock):
-        apart = (clock.offset - 0.5) ** 2 + (30.0 * (clock.rate - 1.0)) ** 2 + clock.since
-        return np.tile(self.nats * np.exp(-apart), (len(choices), 1))
-
-    def best(self, clock):
-        return self.gains(self.choices, clock)[0], np.zeros(len(clock.rate), dtype=np.intp)
-
-    def rows(self, clock):
-        return np.full(len(clock.rate), len(self.t))
-
-    def energy(self, _sensors, _clock):
-        return 1.0, 0.1
-
-
-@pytest.mark.parametrize(("nats", "named"), [(12.0, False), (30.0, True)])
-def test_the_best_of_many_clocks_needs_evidence_for_their_number(values, nats, named):
-    """Joints that hardly move fit one of a thousand clocks by chance."""
-    found = list(faults_of_piece(Recording("field", values, 0.0), 0.0, [FittingJoint(nats)]))
-    assert [fault.first for fault in found] == ([pytest.approx(0.5, abs=0.1)] if named else [])
-
-
 def test_each_group_of_recordings_has_its_own_faults(values):
     """Recordings of two groups may have the same name."""
     late, right = (Recording("log", paired(values, 1.0, lag), 0.0) for lag in (0.5, 0.0))

@@ -48,7 +48,7 @@ class ClockSlip:
     sensors:      names of the pressure sensors on that clock
     whole:        whether these are all pressure sensors of joints that move
     alternatives: lags (first, last) [s] that fit nearly as well
-    nats:         evidence of another clock against one clock: that of the best one, less the log of how many are tried
+    nats:         evidence against one clock
     """
 
     name: str
@@ -126,7 +126,6 @@ def _fault(name: str, begins: float, shifted: Sequence[JointChoice], peaks: Sequ
     lags = np.array([c.lags(*span)[0] for c, _ in peaks])
     near = np.max(np.abs(lags - lags[0]), axis=1) <= LARGEST_OFFSET_S
     likely = np.array([height > best - JOINT_NATS for _, height in peaks])
-    tried = sum(lattice.rate.size for lattice in _lattices(shifted[0][0].ends))  # alike probable
     return ClockSlip(
         name,
         begins + span[0],
@@ -137,7 +136,7 @@ def _fault(name: str, begins: float, shifted: Sequence[JointChoice], peaks: Sequ
         1.0 - after / before,
         tuple(joint.names[s] for joint, sensors in shifted for s in sensors),
         alternatives=tuple((float(a), float(b)) for a, b in lags[likely & ~near]),
-        nats=float(np.sum([joint.gains([sensors], clock)[0] for joint, sensors in shifted]) - np.log(tried)),
+        nats=float(np.sum([joint.gains([sensors], clock)[0] for joint, sensors in shifted])),
     )
 
 
