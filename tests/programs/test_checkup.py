@@ -17,7 +17,15 @@ from cylforce.effects.sensors.pressure_gain import PressureGain
 from cylforce.effects.sensors.pressure_offset import PressureOffset
 from cylforce.files.atomic import RecordingError
 from cylforce.files.tables import Table, write_table
-from cylforce.programs.checkup import CheckupOutputs, End, check_recordings_of, run_checkup, sentences_of
+from cylforce.programs.checkup import (
+    Checked,
+    CheckupOutputs,
+    CheckupStep,
+    End,
+    check_recordings_of,
+    run_checkup,
+    sentences_of,
+)
 from cylforce.programs.common.gap_question import Question
 from cylforce.programs.experiments.catalogue import checkup
 from cylforce.programs.experiments.motions import read_scene
@@ -143,6 +151,16 @@ def test_a_healthy_machine_ends_the_check_up_and_the_answer_is_written_as_json(r
     assert written["end"] == "healthy"
     assert [step["recording"] for step in written["steps"]] == [field.name]
     assert written["joint_name"] is None
+
+
+def test_where_references_do_not_suffice_the_check_up_says_why_and_what_to_record():
+    step = CheckupStep("field", "not_observable", ())
+    found = Diagnosed({"verdict": "not_observable", "reason": "they differ from each other"})
+    ended = Checked((step,), End.REFERENCES, (), (), False, None, found)
+    assert sentences_of(MACHINE, ended) == [
+        "the references do not suffice: record the machine in order in this very motion, as a reference",
+        "they differ from each other",
+    ]
 
 
 def test_a_still_recording_that_is_too_short_is_refused(rig):

@@ -200,11 +200,11 @@ class HypothesisEvidence:
 
         That of contact alone and of an incident is the residual with its torque not removed.
         """
-        alone, weights = self.is_contact_alone, self.weights
-        each = zip(self.candidates, weights.candidates, strict=True)
-        healthy = [(w, c.before if alone(c) else c.rest) for c, w in each if not c.hypothesis.forms]
-        healthy += [(w, i.before) for i, w in zip(self.incidents, weights.incidents, strict=True)]
-        return max(healthy)[1] ** 2 - 1.0 > VISIBLE
+        without_effects = [c for c in self.candidates if not c.hypothesis.forms]
+        likeliest = max([*without_effects, *self.incidents], key=self._log_weight)
+        lasts = isinstance(likeliest, Candidate) and not self.is_contact_alone(likeliest)
+        residual = likeliest.rest if lasts else likeliest.before
+        return residual**2 - 1.0 > VISIBLE
 
     def probability_healthy(self, residual: float) -> float:
         """Return the probability that a residual is a healthy machine's, not one of a cause that the library lacks.
@@ -250,19 +250,26 @@ class HypothesisEvidence:
         the references predict each other: both are model error. All evidence counts as model error with unknown loads
         and contact, and with oil of another temperature: references do not show that motion and that friction.
         """
-        each = [(c.log + self.prior_of(c), c.rest, c.hypothesis.noise.conditions.other_oil) for c in self.candidates]
-        each += [(i.log + self.prior_of_incident(i), i.rest, False) for i in self.incidents]
-        _, rest, other_oil = max(each)
+        each = [*self.candidates, *self.incidents]
+        likeliest = max(each, key=lambda h: h.log + self._log_prior(h))
+        other_oil = isinstance(likeliest, Candidate) and likeliest.hypothesis.noise.conditions.other_oil
         if self.found.work is not None or other_oil:
             return 1.0 / CORRELATED_ROWS
-        return effective_share(max(rest, float(np.sqrt(1.0 + self._mean_energy))))
+        return effective_share(max(likeliest.rest, float(np.sqrt(1.0 + self._mean_energy))))
+
+    def _log_prior(self, h: Candidate | BlockIncident | Spill) -> float:
+        """Return the log prior probability of a hypothesis or incident."""
+        return self.prior_of(h) if isinstance(h, Candidate) else self.prior_of_incident(h)
+
+    def _log_weight(self, h: Candidate | BlockIncident | Spill) -> float:
+        """Return the log posterior weight of a hypothesis or incident, relative to the healthy machine's evidence."""
+        return self.strength * (h.log - self.found.healthy.log) + self._log_prior(h)
 
     @cached_property
     def weights(self) -> HypothesisWeights:
         """Posterior weights of all hypotheses."""
-        none = self.found.healthy.log
-        candidates = [self.strength * (c.log - none) + self.prior_of(c) for c in self.candidates]
-        incidents = [self.strength * (i.log - none) + self.prior_of_incident(i) for i in self.incidents]
+        candidates = [self._log_weight(c) for c in self.candidates]
+        incidents = [self._log_weight(i) for i in self.incidents]
         largest = max([*candidates, *incidents])
         return HypothesisWeights(
             candidates=np.exp(np.array(candidates) - largest).tolist(),

@@ -271,8 +271,8 @@ class HealthyMachine:
     def spread_of_joints(self) -> Array:
         """Energy (R,) by which two of its recordings may differ, in squared floors.
 
-        At least that of any two recordings of a healthy machine; more where a part of its own recordings, predicted
-        from the others, leaves more: one minute of strokes does not predict other motion.
+        At least that of any two recordings of a healthy machine; more where a part of its own recordings leaves
+        more, each block predicted from others: one minute of strokes does not predict other motion.
         """
         floors = np.where(self.known & (self.floor.rms > 0.0), self.floor.rms**2, np.inf)
         parts = [np.ma.masked_invalid(part / floors).mean(axis=0) for part in np.array_split(self.floor_unseen, FOLDS)]

@@ -394,12 +394,13 @@ class FieldQuestion:
             if law != "directional":  # a difference between the directions may grow either way
                 friction += np.outer(change, change)
             friction += np.diag(np.square(OWN_OIL_CHANGE * change))
-        warming = [p for p in self.machine.layout.proposals if p.is_warming]
+        warming = sum(p.is_warming for p in self.machine.layout.proposals)  # forms of it, each with a time constant
         for p, columns in zip(self.machine.layout.proposals, self.machine.layout.places, strict=True):
             if p.name == OFFSET:
                 zeros[list(columns)] = THERMAL_ZERO / unit[list(columns)]
-            elif p.is_warming:  # of one or another time constant
-                friction[columns, columns] = np.square(p.unnoticed / unit[list(columns)]) / len(warming)
+            elif p.is_warming:  # all forms together have the variance of one
+                at = list(columns)
+                friction[at, at] = np.square(p.unnoticed / unit[at]) / warming
         return TemperatureChange(np.diag(np.square(zeros)), friction)
 
     def with_refined(self, refined: Refined | None) -> "FieldQuestion":

@@ -29,6 +29,7 @@ from cylforce.files.atomic import RecordingError, replacing
 from cylforce.files.logfile import LogWriter
 from cylforce.files.motion_table import write_motion
 from cylforce.mechanics.machine import Machine
+from cylforce.programs.common.gap_answer import HEALTHY_MOTION
 from cylforce.programs.common.gap_question import Question
 from cylforce.programs.common.progress import Watch, progress_bar, silent
 from cylforce.programs.common.readings import header_of, model_of
@@ -68,6 +69,7 @@ class End(StrEnum):
     INSEPARABLE = "inseparable"
     NO_MOTION = "no_motion_tells_more"
     IDENTIFY_FIRST = "identify_first"
+    REFERENCES = "references_do_not_suffice"
     OPEN = "open"
 
 
@@ -163,6 +165,8 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
         end = End.HEALTHY
     elif found.diagnosis.parameters_first:
         end = End.IDENTIFY_FIRST
+    elif found.diagnosis.verdict is Verdict.NOT_OBSERVABLE and not working:
+        end = End.REFERENCES
     elif len(named) and not named[0].rivals and named[0].confidence >= CERTAIN and _alone(found):
         end = End.CERTAIN
     elif missing is None and not still_next and not plan.advice:
@@ -170,7 +174,7 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
     step = CheckupStep(name, str(found.diagnosis.verdict), causes, separates)
     open_causes = plan.inseparable if end is End.INSEPARABLE else evidence.credible
     proposals = evidence.found.question.machine.layout.proposals
-    by_hand = () if end in (End.HEALTHY, End.CERTAIN) else checks_by_hand(open_causes, proposals)
+    by_hand = () if end in (End.HEALTHY, End.CERTAIN, End.REFERENCES) else checks_by_hand(open_causes, proposals)
     is_open = end is End.OPEN
     return step, Checked(
         (step,), end, plan.inseparable, by_hand, is_open and still_next, following if is_open else None, found
@@ -237,12 +241,13 @@ def sentences_of(machine: Machine, checked: Checked) -> list[str]:
         End.IDENTIFY_FIRST: (
             "identify the machine first (cylforce identify): its model's masses and friction are not this machine's"
         ),
+        End.REFERENCES: f"the references do not suffice: {HEALTHY_MOTION}",
         End.OPEN: "not decided yet",
     }
     found = [ends[checked.end]]
-    unsaid = checked.found.diagnosis is None or checked.end is End.NO_MOTION
+    unsaid = checked.found.diagnosis is None or checked.end is End.REFERENCES
     if unsaid and "reason" in checked.found.answer:
-        found += [checked.found.answer["reason"], *checked.found.answer.get("next_experiment", [])[:1]]
+        found.append(checked.found.answer["reason"])
     if checked.end in (End.INSEPARABLE, End.NO_MOTION):
         found += [f"check by hand: {check}" for check in checked.by_hand]
     if checked.end is End.OPEN:
