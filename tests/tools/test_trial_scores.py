@@ -18,9 +18,9 @@ from trial.summary import AIMS, WORDS, by_effect, result
 from trial.summary import judged as judged_of
 
 
-def judged(kind, answer, effects=(("stribeck", "boom"),), clutter=(), sigmas=50.0, **label):
-    named = [{"name": n, "at": a, "sigmas": sigmas} for n, a in effects]
-    return Judged({"kind": kind, "clutter": list(clutter), "effects": named, "sigmas": sigmas} | label, answer)
+def judged(kind, answer, effects=(("stribeck", "boom"),), clutter=(), floors=5.0, **label):
+    named = [{"name": n, "at": a, "over_floor": floors} for n, a in effects]
+    return Judged({"kind": kind, "clutter": list(clutter), "effects": named} | label, answer)
 
 
 def said(verdict, *effects, **more):
@@ -37,7 +37,7 @@ SILENCE = {"verdict": "no_gap", "effects": []}
 def test_shares_of_cases_made_by_hand():
     cases = [
         *(judged("known", a) for a in (RIGHT, RIGHT, WRONG, SET, SILENCE)),
-        judged("known", SILENCE, sigmas=6.0),  # too small to be demanded
+        judged("known", SILENCE, floors=2.4),  # too small to be demanded
         judged("known", RIGHT, clutter=[{"name": "x"}]),
         *(judged("none", a, ()) for a in (SILENCE, SILENCE, {"verdict": "not_observable"}, {"verdict": "unknown"})),
         judged("foreign", {"verdict": "unknown"}, [("hose_spring", "boom")]),
@@ -86,7 +86,22 @@ def test_friction_that_a_data_sheet_does_not_know_is_no_false_alarm():
     both = said("explained", ("coulomb_friction", "boom", 1.0), ("compliance", "boom", 0.9))
     assert judged("none", both, (), references=[]).alarm
     assert judged("none", {"verdict": "unknown"}, (), references=[]).alarm
-    assert shares([judged("known", friction, references=[])])["first"] == (0, 1)
+
+
+def test_a_data_sheet_alone_is_to_be_identified_first():
+    """No effect can be named beside it: such a case is no miss; a name is one."""
+    told, named = (judged("known", answer, references=[]) for answer in ({"verdict": "not_observable"}, RIGHT))
+    found = shares([told, named])
+    assert found["first"] == (0, 0)
+    assert found["identify_first"] == (1, 2)
+
+
+def test_air_and_work_are_counted_apart():
+    cases = [judged("known", a, scenario=s) for a, s in ((RIGHT, "air"), (SILENCE, "air"), (RIGHT, "dig_cycles"))]
+    found = shares(cases)
+    assert found["first"] == (1, 2)
+    assert found["dig_first"] == (1, 1)
+    assert found["in_set"] == (2, 3)
 
 
 def test_a_gap_to_the_data_sheet_alone_is_not_the_hidden_effect():
@@ -107,7 +122,7 @@ def test_a_second_cause_beside_a_set_is_named():
 
 def test_clutter_that_is_large_enough_to_be_seen_is_no_wrong_name():
     small = {"name": "backlash", "at": "boom"}
-    case, hidden = (judged("known", WRONG, present=small | {"sigmas": sigmas}) for sigmas in (30.0, 3.0))
+    case, hidden = (judged("known", WRONG, present=small | {"over_floor": floors}) for floors in (3.0, 1.2))
     assert not case.right
     assert not case.wrong
     assert case.answers == case.truth | {("backlash", "boom")}
@@ -303,7 +318,7 @@ def test_labelled_machines_are_asked_like_any_other(source, tmp_path):
     assert words[-2:] == ["--without", "stribeck"]
     found = result(list(records.values()), "made")
     assert found["source"] == "made"
-    assert found["counts"]["first"] == [2, 3]
+    assert found["counts"]["first"] == [0, 0]
     assert found["counts"]["dig_first"] == [2, 3]
     assert found["counts"]["foreign_named"] == [1, 1]
     assert found["counts"]["false_alarms"] == [1, 1]

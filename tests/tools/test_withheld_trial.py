@@ -199,6 +199,7 @@ def test_label_is_sealed_before_and_opened_after(site, tmp_path, capsys):
         assert sealed(record["label"] | {"kind": "pair"}, record["salt"]) != record["sealed"]
         assert not [name for name in record["answer"]["seen"] if "label" in name or "truth" in name]
     assert found[0]["label"]["effects"][0]["sigmas"] > 0.0
+    assert found[0]["label"]["effects"][0]["over_floor"] >= 1.0
     figures_of = result(found)
     assert set(AIMS) <= set(figures_of)
     assert figures_of["false_alarms"] == 1.0

@@ -150,8 +150,7 @@ class Case:
 
         quiet = {p.stretch.name: p.quiet for p in self.site.reference_pieces}
         references = [floor.rows(n, self.site.shown(v), quiet[n]) for n, v in self.site.references.items()]
-        found = compared(floor, references, rows(()), rows(self.faults))
-        return float(np.max(np.sqrt(np.nanmean(found.difference**2, axis=0)) / found.level))
+        return compared(floor, references, rows(()), rows(self.faults)).added
 
 
 def closed_loop(wanted: Order, floors: float) -> ClosedLoop:

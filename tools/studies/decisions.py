@@ -25,7 +25,7 @@ from cylforce.settings.machine_file import load
 from layers.intervals import wilson
 from trial.cases import simulated, write
 from trial.field import Site
-from trial.judged import CERTAIN, DIGGING, VISIBLE
+from trial.judged import DIGGING, VISIBLE
 from trial.orders import PER_MACHINE, order
 from trial.repertoire import PLAIN
 from trial.run import Truth
@@ -115,9 +115,9 @@ def _simulate(source: str, place: int, own: Path) -> None:
 
 def _of_trial(label: dict[str, Any]) -> Truthful:
     effects = tuple((e["name"], e["at"]) for e in label["effects"])
-    sizes = [e.get("sigmas", label.get("sigmas", 0.0)) or 0.0 for e in label["effects"]]
+    sizes = [e["over_floor"] for e in label["effects"]]
     work = label.get("scenario") == DIGGING
-    return Truthful(effects, label["kind"] != "foreign", bool(sizes) and min(sizes) >= CERTAIN, work)
+    return Truthful(effects, label["kind"] != "foreign", bool(sizes) and min(sizes) >= VISIBLE, work)
 
 
 def _write_labels(own: Path, labels: dict[str, Truthful]) -> None:

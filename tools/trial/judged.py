@@ -1,8 +1,8 @@
 """A label and the answer to it: what was there, what was said, with which probability.
 
-A label has `kind`, `clutter`, `scenario`, `effects` [{name, at, sigmas or over_floor}]; an answer is the diagnosis'
-JSON. Its `set` and `probabilities` are read where it has them; an answer without them says the same by its first
-effect, that effect's confidence and what it is confused with."""
+A label has `kind`, `clutter`, `scenario`, `effects` [{name, at, over_floor}]; an answer is the diagnosis' JSON. Its
+`set` and `probabilities` are read where it has them; an answer without them says the same by its first effect, that
+effect's confidence and what it is confused with."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -15,8 +15,7 @@ SILENT = ("no_gap", "not_observable")
 NAMED = ("explained", "partly_explained", "ambiguous")
 NO_GAP, UNKNOWN = ("no_gap", ""), ("unknown", "")
 SAID = {"unknown": (UNKNOWN,), "no_gap": (NO_GAP,), "not_observable": (NO_GAP,)}  # by a verdict without a name
-CERTAIN = 10.0  # sigma: twice the smallest detectable size
-VISIBLE = 2.5  # times the floor, at the joint where the effect leaves most
+VISIBLE = 2.5  # times the floor: residual with the effect, at the joint where it leaves most
 # What a data sheet does not know: without references this is the difference, on a machine in order too.
 UNKNOWN_TO_A_SHEET = (
     *("coulomb_friction", "viscous_friction", "load_dependent_friction", "asymmetric_friction"),
@@ -104,7 +103,7 @@ class Judged:
         small, found = self.label.get("present"), self.truth
         if small and self._visible(small):
             found |= {place(small)}
-        if not self.label.get("references", True):
+        if not self.has_model:
             found |= {p for p in (*map(place, self.effects), *self.probabilities) if p[0] in UNKNOWN_TO_A_SHEET}
         return found
 
@@ -145,13 +144,17 @@ class Judged:
 
     @property
     def visible(self) -> bool:
-        """Every true effect is above twice the smallest detectable size, or well above the floor."""
+        """Whether the residual with every true effect alone is well above the floor."""
         return bool(self.label["effects"]) and all(self._visible(e) for e in self.label["effects"])
 
-    def _visible(self, effect: Record) -> bool:
-        if "over_floor" in effect:
-            return bool(effect["over_floor"] >= VISIBLE)
-        return bool((effect.get("sigmas", self.label.get("sigmas")) or 0.0) >= CERTAIN)
+    @staticmethod
+    def _visible(effect: Record) -> bool:
+        return bool(effect["over_floor"] >= VISIBLE)
+
+    @property
+    def has_model(self) -> bool:
+        """Whether the machine in order is known by more than its data sheet."""
+        return bool(self.label.get("references", True))
 
     @property
     def digging(self) -> bool:

@@ -129,16 +129,16 @@ class Truth:
         return compared(self.floor, self.references, self.twin, self._rows(case.field))
 
     def sized(self, site: Site) -> Record:
-        """The label with each effect's size in standard errors of the clean machine's floor."""
+        """The label with each effect's size: residual with it in floors of the clean machine, and standard errors."""
         label = dict(self.case.label)
         effects = [dict(e) for e in label["effects"]]
         if len(effects) == 1 and not label["clutter"]:
-            parts = [self.whole.effect]
+            parts = [self.whole]
         else:
-            parts = [self._alone(site, k).effect for k in range(len(effects))]
+            parts = [self._alone(site, k) for k in range(len(effects))]
         for entry, part in zip(effects, parts, strict=True):
-            entry["sigmas"] = part.sigmas
-            entry["detectable"] = _detectable(entry, part.sigmas)
+            entry["over_floor"], entry["sigmas"] = part.over_floor, part.effect.sigmas
+            entry["detectable"] = _detectable(entry, part.effect.sigmas)
         return label | {"effects": effects, "sigmas": self.whole.effect.sigmas}
 
     def _alone(self, site: Site, k: int) -> Comparison:
@@ -157,13 +157,13 @@ class Truth:
         return found
 
     def beside(self, label: Record, answer: Record, site: Site) -> Record:
-        """An effect of the clutter that the answer names first: `present`, its name and place, and its size by itself
-        in standard errors of the clean machine's floor. What is large enough to be seen is there, however it is
+        """An effect of the clutter that the answer names first: `present`, its name and place, and the residual with it
+        alone in floors of the clean machine. What is large enough to be seen is there, however it is
         called."""
         named = {(e["name"], e["at"]) for e in (answer.get("effects") or [])[:1]}
         for k, small in enumerate(label["clutter"], len(label["effects"])):
             if (small["name"], small["at"]) in named:
-                return {"present": dict(small) | {"sigmas": self._alone(site, k).effect.sigmas}}
+                return {"present": dict(small) | {"over_floor": self._alone(site, k).over_floor}}
         return {}
 
     def _closure(self, path: Path) -> float | None:

@@ -11,15 +11,18 @@ SURE = 0.8  # of a name that must not be given: its effect was taken out of the 
 
 
 def shares(cases: Sequence[Judged]) -> dict[str, Share]:
-    """Every figure that is a share of cases."""
+    """Every figure that is a share of cases. With the data sheet alone no effect can be named: such cases count only
+    where something wrong may be said, and as those that are to be identified first."""
     kinds = ("known", "none", "foreign", "pair", "poor", "without")
     of = {kind: [c for c in cases if c.kind == kind] for kind in kinds}
-    known = of["known"]
+    known = [c for c in of["known"] if c.has_model]
+    visible = [c for c in known if c.visible]
+    pairs = [c for c in of["pair"] if c.has_model]
     clean = [c for c in known if not c.label["clutter"] and c.detected]
     clutter = [c for c in known if c.label["clutter"] and c.detected]
     detected = [c for c in known if c.detected]
     return {
-        "detected": share([c for c in known if c.visible], lambda c: c.detected),
+        "detected": share(visible, lambda c: c.detected),
         "top1_clean": share(clean, lambda c: c.right),
         "top1_clutter": share(clutter, lambda c: c.right),
         "precision": share([c for c in known if c.one], lambda c: not c.wrong),
@@ -28,17 +31,23 @@ def shares(cases: Sequence[Judged]) -> dict[str, Share]:
         "order_digging": share([c for c in of["none"] if c.digging], lambda c: c.alarm),
         "harsh_alarms": share([c for c in of["none"] if c.label.get("harsh")], lambda c: c.alarm),
         "sure_wrong": share([c for c in cases if c.kind != "without"], lambda c: c.wrong and sure(c)),
-        "joint": share([c for c in known if c.visible and c.named], lambda c: c.joint_right),
+        "joint": share([c for c in visible if c.named], lambda c: c.joint_right),
         "foreign_named": share(of["foreign"], lambda c: c.wrong),
         "foreign_alone": share([c for c in of["foreign"] if c.visible], lambda c: c.one and c.wrong),
-        "unknown_recall": share([c for c in of["foreign"] if c.visible], lambda c: c.answer["verdict"] == "unknown"),
-        "first": share([c for c in known if c.visible], lambda c: c.right),
-        "dig_first": share([c for c in known if c.visible and c.digging], lambda c: c.right),
-        "in_set": share([c for c in known if c.visible], lambda c: bool(c.truth & c.possible)),
+        "unknown_recall": share(
+            [c for c in of["foreign"] if c.visible and c.has_model], lambda c: c.answer["verdict"] == "unknown"
+        ),
+        "first": share([c for c in visible if not c.digging], lambda c: c.right),
+        "dig_first": share([c for c in visible if c.digging], lambda c: c.right),
+        "in_set": share(visible, lambda c: bool(c.truth & c.possible)),
         "set_coverage": share([c for c in known if c.named], lambda c: bool(c.truth & (c.possible | c.listed))),
-        "pairs_in_set": share(of["pair"], lambda c: c.named and c.covered),
-        "pairs_exact": share(of["pair"], lambda c: c.named and c.listed == c.truth),
-        "pairs_exact_visible": share([c for c in of["pair"] if c.visible], lambda c: c.named and c.listed == c.truth),
+        "pairs_in_set": share(pairs, lambda c: c.named and c.covered),
+        "pairs_exact": share(pairs, lambda c: c.named and c.listed == c.truth),
+        "pairs_exact_visible": share([c for c in pairs if c.visible], lambda c: c.named and c.listed == c.truth),
+        "identify_first": share(
+            [c for c in cases if not c.has_model and c.kind != "without"],
+            lambda c: c.answer["verdict"] == "not_observable",
+        ),
         "leave_one_out_named": share(of["without"], sure),
         "poor_wrong": share(of["poor"], lambda c: c.named and not c.present & c.listed),
         "closure_coverage": share(_closures(cases), _within),
@@ -74,7 +83,7 @@ def _closure(case: Judged) -> Record:
 def _closures(cases: Iterable[Judged]) -> list[Judged]:
     """Cases in which a name came with a closure, and the true closure is known: with references. Without them the gap
     is all that the data sheet lacks, of which the hidden effect is a small part."""
-    each = [c for c in cases if c.named and c.label.get("references", True)]
+    each = [c for c in cases if c.named and c.has_model]
     return [c for c in each if c.label.get("closure") is not None and _closure(c).get("value") is not None]
 
 

@@ -124,6 +124,19 @@ class Comparison:
         """Signal and floor."""
         return Effect(self.signal, self.floor, self.level)
 
+    @property
+    def added(self) -> float:
+        """Rms torque that the effect adds, in floors, at the joint where it adds most; a joint without rows adds
+        nothing."""
+        rows = np.maximum(np.isfinite(self.difference).sum(axis=0), 1)
+        return float(np.max(np.sqrt(np.nansum(self.difference**2, axis=0) / rows) / self.level))
+
+    @property
+    def over_floor(self) -> float:
+        """Rms residual with the effect, in floors, at the joint where it leaves most: floor and effect do not know of
+        each other."""
+        return float(np.hypot(1.0, self.added))
+
 
 def compared(floor: Floor, references: list[Rows], twin: list[Rows], case: list[Rows]) -> Comparison:
     """Parameters are fitted on references and twin, and refitted on references and case. The floor is that of the
