@@ -158,6 +158,7 @@ def test_a_simulation_with_other_parameters_is_answered_with_these(identified):
     found = diagnose(SMALL, Question((field,), simulation=(own,)))
     assert (found.answer["verdict"], found.answer["effects"]) == ("not_observable", [])
     assert found.answer["compared_with"] == "simulation"
+    assert not {"probabilities", "set", "evidence"} & set(found.answer)  # "no gap" beside this residual would be wrong
     assert found.answer["identify_first"]["share"] > 0.5
     said = words(found)
     assert said.startswith("Identify the machine first: the simulation's masses and friction are not this machine's")

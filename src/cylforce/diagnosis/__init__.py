@@ -106,6 +106,11 @@ class Diagnosis:
     same: dict[Key, Key] = field(default_factory=dict)
 
     @property
+    def only_parameters(self) -> bool:
+        """True where the refit is the whole answer: no probability of an effect holds with these parameters."""
+        return self.parameters_first and not self.named
+
+    @property
     def other_temperature(self) -> bool:
         """True where the gap is what another temperature makes of a healthy machine."""
         healthy = max((c for c in self.evidence.candidates if not c.hypothesis.forms), key=lambda c: c.log)

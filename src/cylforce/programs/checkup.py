@@ -149,7 +149,8 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
     if found.diagnosis is None or found.plan is None:
         return _without_diagnosis(machine, name, found)
     evidence, plan, named = found.diagnosis.evidence, found.plan, found.diagnosis.named
-    causes = tuple(sorted(evidence.posterior.items(), key=lambda item: -item[1])[:MOST_SHOWN])
+    posterior = {} if found.diagnosis.only_parameters else evidence.posterior
+    causes = tuple(sorted(posterior.items(), key=lambda item: -item[1])[:MOST_SHOWN])
     working = evidence.found.work.names if evidence.found.work else frozenset[str]()
     free = [seen for seen in evidence.found.question.seen if seen.recording.name not in working]
     still_next = question.still is None and _holds_zero(evidence.credible)

@@ -58,13 +58,16 @@ def answer(found: Diagnosis) -> dict[str, Any]:
         "explained": None if working else _known(found.simulated.closure if found.named else 0.0),
         "working": working,
         "end_quantities": None if working else _end_quantities(found),
-        "probabilities": _probabilities(found),
-        "set": [_place(key) for key in evidence.credible],
         "not_observable": hidden,
         "next_experiment": _next(found, hidden),
-        "evidence": _evidence(found),
         "unknown": found.shape if shaped else None,
     }
+    if not found.only_parameters:
+        whole |= {
+            "probabilities": _probabilities(found),
+            "set": [_place(key) for key in evidence.credible],
+            "evidence": _evidence(found),
+        }
     if found.parameters_first:
         whole |= identify_first(found.refit, BECAUSE[question.machine.source])
     if found.verdict is Verdict.NOT_OBSERVABLE:
