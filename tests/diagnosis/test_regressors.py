@@ -343,3 +343,12 @@ def test_the_columns_of_a_loaded_recording_are_those_of_its_first_two_minutes():
     long, short = (regressors().rows(each, errors).effects for each in (whole, begun))
     assert len(short) > 1000
     np.testing.assert_array_equal(long[: len(short)], short)
+
+
+@pytest.mark.parametrize("kind", ["angle", "geometry", "tilt", "pressure"])
+def test_a_known_load_hangs_on_the_true_motion(kind):
+    """Its torque is that of the columns of links; the centre of a load of 1000 kg is 150 N m off with the wrong one."""
+    own, seen = block(kind), loaded(block(kind))
+    rows = regressors().simulated(seen, regressors().rows(seen, ()), [own], carried())
+    load = rows.base @ regressors().model.load
+    np.testing.assert_allclose(rows.incidental[..., : load.shape[-1]], load, rtol=1e-6, atol=1e-6)

@@ -106,6 +106,12 @@ class Diagnosis:
     same: dict[Key, Key] = field(default_factory=dict)
 
     @property
+    def closes_gap(self) -> bool:
+        """True where the named causes leave no more than two recordings of a healthy machine differ."""
+        floor = self.evidence.found.question.machine.floor.rms
+        return bool(self.named) and bool(np.all(without_gap(rms(self.simulated.after), floor)))
+
+    @property
     def only_parameters(self) -> bool:
         """True where the refit is the whole answer: no probability of an effect holds with these parameters."""
         return self.parameters_first and not self.named
@@ -165,36 +171,36 @@ def diagnose(
     refit = refitted(question)
     gap = not np.all(without_gap(refit.before, machine.floor.rms))
     free = question.with_free_parameters(refit.values) if gap and not identified and refit.share > HALF else None
-    found, other = _searched(question, free, wanted, watch, parallel_map)
+    found, other = _searched(question, free, rng, wanted, watch, parallel_map)
     watch("locating the gap, simulating the effects")
     diagnosis = concluded(found, rng)
     watch("the model's own parameters")
     if free is None or found.work is not None or diagnosis.verdict in (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE):
         return diagnosis
-    if other is None or not other.exceeds(diagnosis.evidence):
+    if diagnosis.closes_gap or other is None or not other.exceeds(diagnosis.evidence):
         return diagnosis
-    refitted_diagnosis = concluded(examined(free, wanted), rng)
-    if not FreeEvidence.of(refitted_diagnosis.evidence).exceeds(diagnosis.evidence):
-        return diagnosis
-    return _after_refit(question, diagnosis, refitted_diagnosis)
+    return _after_refit(question, diagnosis, concluded(examined(free, wanted), rng))
 
 
 def _searched(
     question: FieldQuestion,
     free: FieldQuestion | None,
+    rng: np.random.Generator,
     wanted: Callable[[Proposal], bool],
     watch: Callable[[str], None],
     parallel_map: ParallelMap,
 ) -> tuple[Found, FreeEvidence | None]:
     """Return the hypotheses with the parameters of the references, and the evidence of those with free parameters.
 
+    Those with free parameters that their simulation contradicts are withdrawn.
     free: the question with free parameters; None if they are no explanation
     """
     if free is None:
         return examined(question, wanted, watch), None
+    (own_rng,) = rng.spawn(1)  # its numbers are the same in another process
     searches = (
         lambda: examined(question, wanted, watch),
-        lambda: FreeEvidence.of(HypothesisEvidence(examined(free, wanted))),
+        lambda: FreeEvidence.of(concluded(examined(free, wanted), own_rng).evidence),
     )
     found, other = parallel_map(lambda search: search(), searches)
     return found, other

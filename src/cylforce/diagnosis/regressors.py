@@ -506,7 +506,10 @@ class _Simulated:
     load: Array
 
     def rows(self, values: Array, rows: TorqueRows, recording: Recording) -> TorqueRows:
-        """Return rows with base, bars and residual along the true readings (T, S)."""
+        """Return rows with base, bars, load and residual along the true readings (T, S).
+
+        The other incidental columns are those of the recorded motion.
+        """
         own, late, size = self.regressors, slice(self.regressors.slow.settle_steps, None), len(self.parameters)
         moved = own.slow.channels.run(own.thinned(values))
         steps = np.arange(len(moved.usable), dtype=np.float64)
@@ -518,7 +521,9 @@ class _Simulated:
         residual -= np.einsum("trp,tp->tr", base, self._added(t - own.regressor.delay))
         lost = np.isnan(rows.residual) | unusable(own.slow, moved)[late]
         residual = np.where(lost, np.nan, residual[late])
-        return replace(rows, base=base[late].copy(), bars=bars[late].copy(), residual=residual)
+        load = (base[late] @ own.model.load).astype(np.float32)
+        incidental = np.concatenate([load, rows.incidental[..., load.shape[-1] :]], axis=-1)
+        return replace(rows, base=base[late].copy(), bars=bars[late].copy(), incidental=incidental, residual=residual)
 
     def _added(self, t: Array) -> Array:
         """Return the change of the parameters (T, P) by the effects: masses of links, friction, changes of the load."""

@@ -1312,15 +1312,14 @@ def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Pro
     Masses on the tool are such loads themselves.
     """
     other, last = work.question, len(question.machine.regressors.model.machine.links) - 1
-    allowed = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
-    if gate:
-        allowed = _showing(other, work.case, allowed, without_gap(work.gaps))
+    forms = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
     if work.names == {s.recording.name for s in question.seen}:
-        allowed = [k for k in allowed if not (other.proposals[k].weighs and other.proposals[k].where == last)]
+        forms = [k for k in forms if not (other.proposals[k].weighs and other.proposals[k].where == last)]
+    allowed = _showing(other, work.case, forms, without_gap(work.gaps)) if gate else forms
     hypotheses = searched(work.case, allowed)
     known, idle = {h.forms for h in hypotheses}, max((h for h in hypotheses if not h.forms), key=lambda h: h.log)
     # Effects that unknown loads hide keep their prior: without them, no gap would be too probable.
-    hypotheses += [work.case.nearby(idle, p) for p in allowed if (p,) not in known]
+    hypotheses += [work.case.nearby(idle, p) for p in forms if (p,) not in known]
     found = [Candidate(h, other) for h in hypotheses]
     spills = (work.spill,) if work.spill and wanted(work.spill.proposal) else ()
     return Found(other, work.case, tuple(found), spills, work.gaps, work)
