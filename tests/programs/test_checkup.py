@@ -23,6 +23,7 @@ from cylforce.programs.checkup import (
     CheckupStep,
     End,
     check_recordings_of,
+    concluded,
     run_checkup,
     sentences_of,
 )
@@ -161,6 +162,16 @@ def test_where_references_do_not_suffice_the_check_up_says_why_and_what_to_recor
         "the references do not suffice: record the machine in order in this very motion, as a reference",
         "they differ from each other",
     ]
+
+
+def test_references_that_tell_nothing_end_the_check_up_before_anything_is_recorded_in_vain(rig):
+    """Two more motions were recorded, each with the same answer."""
+    why = "the references cannot be explained"
+    found = Diagnosed({"verdict": "not_observable", "effects": [], "reason": why}, poor_references=True)
+    _, ended = concluded(MACHINE, Question((rig.healthy,), rig.references), found)
+    assert ended.end is End.REFERENCES
+    assert ended.next is None
+    assert sentences_of(MACHINE, ended) == ["the references do not suffice", why]
 
 
 def test_a_still_recording_that_is_too_short_is_refused(rig):

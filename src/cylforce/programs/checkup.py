@@ -188,6 +188,7 @@ def _without_diagnosis(machine: Machine, name: str, found: Diagnosed) -> tuple[C
     causes = tuple(((each["name"], each["at"]), float(each["confidence"])) for each in effects[:MOST_SHOWN])
     step = CheckupStep(name, found.answer["verdict"], causes)
     end = End.IDENTIFY_FIRST if "identify_first" in found.answer else End.OPEN
+    end = End.REFERENCES if found.poor_references else end
     if len(causes) == 1 and causes[0][1] >= CERTAIN and step.verdict == Verdict.EXPLAINED:
         end = End.CERTAIN
     following = checkup(machine)[0] if end is End.OPEN else None
@@ -233,7 +234,7 @@ def line_of(machine: Machine, number: int, checked: Checked) -> str:
 
 def sentences_of(machine: Machine, checked: Checked) -> list[str]:
     """Return how the check-up ended, or the next recording to be made."""
-    step = checked.steps[-1]
+    step, motion = checked.steps[-1], "" if checked.found.poor_references else f": {HEALTHY_MOTION}"
     ends = {
         End.HEALTHY: "no fault: the machine moves as it did while it was healthy",
         End.CERTAIN: "decided: " + "; ".join(fault(machine, *key) for key, _ in step.causes[:1]),
@@ -242,7 +243,8 @@ def sentences_of(machine: Machine, checked: Checked) -> list[str]:
         End.IDENTIFY_FIRST: (
             "identify the machine first (cylforce identify): its model's masses and friction are not this machine's"
         ),
-        End.REFERENCES: f"the references do not suffice: {HEALTHY_MOTION}",
+        End.REFERENCES: "the references do not suffice"
+        + ("" if checked.found.poor_references else f": {HEALTHY_MOTION}"),
         End.OPEN: "not decided yet",
     }
     found = [ends[checked.end]]

@@ -65,12 +65,14 @@ class Diagnosed:
     diagnosis: None where nothing could be concluded, and where there is only a data sheet
     sheet:     the gap of a machine with only a data sheet, else None
     plan:      plan of the next recordings; None where nothing could be concluded
+    poor_references: whether nothing can be concluded because of the references: more recordings do not help
     """
 
     answer: dict[str, Any]
     diagnosis: Diagnosis | None = None
     sheet: SheetGap | None = None
     plan: MotionPlan | None = None
+    poor_references: bool = False
 
 
 def diagnose(
@@ -139,7 +141,8 @@ class _GapRun:
         self.watch("references", None)
         same = alike(model, references, healthy.short, field.stretches)
         if question.healthy and not same.kept and not (question.identified or question.usual):
-            return _nothing(f"no reference is left: {'; '.join([*([apart(odd)] if odd else []), *same.warnings])}")
+            told = "; ".join([*([apart(odd)] if odd else []), *same.warnings])
+            return replace(_nothing(f"no reference is left: {told}"), poor_references=True)
         moving = _moving_seconds(model, field.stretches)
         if moving < MOVING_S:
             return _nothing(f"only {moving:.0f} s of usable motion: move every joint both ways, slowly and fast")
@@ -159,11 +162,12 @@ class _GapRun:
         if groups.healthy and not known.identified:
             left = unexplained(known.machine, groups.healthy)
             if left > MOST_UNEXPLAINED:
-                return _nothing(
+                reason = (
                     f"{self._healthy_name} cannot be explained: at every joint {100.0 * left:.0f} % of the torque or "
                     "more is left. They show loads or contact of which nothing is known, or a machine that the machine "
                     "file does not describe: record it empty in the air, every joint slowly and fast"
                 )
+                return replace(_nothing(reason), poor_references=True)
         rng, rate_hz = np.random.default_rng(SEED), loaded.service.filters.rate_hz
         jumps = jumping_sensors(loaded.service.machine, groups.field, groups.healthy, rate_hz)
         jumps = tuple(each for each in jumps if self._wanted(each.proposal))
