@@ -243,8 +243,7 @@ def sentences_of(machine: Machine, checked: Checked) -> list[str]:
         End.IDENTIFY_FIRST: (
             "identify the machine first (cylforce identify): its model's masses and friction are not this machine's"
         ),
-        End.REFERENCES: "the references do not suffice"
-        + ("" if checked.found.poor_references else f": {HEALTHY_MOTION}"),
+        End.REFERENCES: f"the references do not suffice{motion}",
         End.OPEN: "not decided yet",
     }
     found = [ends[checked.end]]
