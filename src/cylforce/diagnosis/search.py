@@ -1145,12 +1145,10 @@ def examined(
     question: FieldQuestion,
     wanted: Callable[[Proposal], bool],
     watch: Callable[[str], None] = lambda _: None,
-    gate: bool = True,
 ) -> Found:
     """Search for effects that may explain the recordings.
 
     wanted: whether an effect may be a cause
-    gate:   whether only effects that act at a joint with a gap are candidates
     """
     watch("hypotheses")
     case = question.likelihood()
@@ -1164,7 +1162,7 @@ def examined(
         question = replace(question, step=step)
         case = question.likelihood()
     allowed = [k for k, p in enumerate(question.proposals) if wanted(p)]
-    if gate and question.machine.source is not KnowledgeSource.DATA_SHEET:
+    if question.machine.source is not KnowledgeSource.DATA_SHEET:
         allowed = _showing(question, case, allowed, without_gap(gaps))
     hypotheses = searched(case, allowed)
     jumps = [p for p in allowed if question.forms[p].name == GLITCH]
@@ -1187,7 +1185,7 @@ def examined(
             candidates.append(_contact_alone(outside[1].likeliest((), case.machine.noise), *outside, case))
     work = _work(question, candidates, alone)
     if work is not None:
-        return _examined_at_work(question, work, wanted, gate)
+        return _examined_at_work(question, work, wanted)
     watch("effects at their magnitudes")
     candidates = _at_magnitudes(question, candidates, allowed)
     return Found(question, case, tuple(candidates), tuple(alone), gaps)
@@ -1306,20 +1304,20 @@ def _work(question: FieldQuestion, candidates: Sequence[Candidate], alone: Seque
     return at_work(question, frozenset(chosen)) if chosen else None
 
 
-def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Proposal], bool], gate: bool) -> Found:
+def _examined_at_work(question: FieldQuestion, work: Work, wanted: Callable[[Proposal], bool]) -> Found:
     """Return hypotheses of all effects at joints with a gap, besides unknown loads.
 
     Masses on the tool are such loads themselves.
     """
     other, last = work.question, len(question.machine.regressors.model.machine.links) - 1
-    forms = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
+    allowed = [k for k, p in enumerate(other.proposals) if wanted(p) and other.forms[k].columns]
+    allowed = _showing(other, work.case, allowed, without_gap(work.gaps))
     if work.names == {s.recording.name for s in question.seen}:
-        forms = [k for k in forms if not (other.proposals[k].weighs and other.proposals[k].where == last)]
-    allowed = _showing(other, work.case, forms, without_gap(work.gaps)) if gate else forms
+        allowed = [k for k in allowed if not (other.proposals[k].weighs and other.proposals[k].where == last)]
     hypotheses = searched(work.case, allowed)
     known, idle = {h.forms for h in hypotheses}, max((h for h in hypotheses if not h.forms), key=lambda h: h.log)
     # Effects that unknown loads hide keep their prior: without them, no gap would be too probable.
-    hypotheses += [work.case.nearby(idle, p) for p in forms if (p,) not in known]
+    hypotheses += [work.case.nearby(idle, p) for p in allowed if (p,) not in known]
     found = [Candidate(h, other) for h in hypotheses]
     spills = (work.spill,) if work.spill and wanted(work.spill.proposal) else ()
     return Found(other, work.case, tuple(found), spills, work.gaps, work)
