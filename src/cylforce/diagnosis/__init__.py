@@ -106,10 +106,11 @@ class Diagnosis:
     same: dict[Key, Key] = field(default_factory=dict)
 
     @property
-    def closes_gap(self) -> bool:
-        """True where the named causes leave no more than two recordings of a healthy machine differ."""
-        floor = self.evidence.found.question.machine.floor.rms
-        return bool(self.named) and bool(np.all(without_gap(rms(self.simulated.after), floor)))
+    def leaves_gap(self) -> bool:
+        """True where the machine does not work, and more is left than two recordings of a healthy machine differ."""
+        if self.evidence.found.work is not None or self.verdict in (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE):
+            return False
+        return not np.all(without_gap(rms(self.simulated.after), self.evidence.found.question.machine.floor.rms))
 
     @property
     def only_parameters(self) -> bool:
@@ -168,42 +169,29 @@ def diagnose(
     """
     watch("columns of every effect")
     question = question_of(machine, recordings, rng, jumps, zeros, parallel_map)
+    diagnosis = _examined(question, rng, wanted, watch)
+    if identified or not diagnosis.leaves_gap:
+        return diagnosis
     refit = refitted(question)
-    gap = not np.all(without_gap(refit.before, machine.floor.rms))
-    free = question.with_free_parameters(refit.values) if gap and not identified and refit.share > HALF else None
-    found, other = _searched(question, free, rng, wanted, watch, parallel_map)
-    watch("locating the gap, simulating the effects")
-    diagnosis = concluded(found, rng)
+    if refit.share <= HALF:
+        return diagnosis
     watch("the model's own parameters")
-    if free is None or found.work is not None or diagnosis.verdict in (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE):
+    other = _examined(question.with_free_parameters(refit.values), rng, wanted, watch)
+    if not FreeEvidence.of(other.evidence).exceeds(diagnosis.evidence):
         return diagnosis
-    if diagnosis.closes_gap or other is None or not other.exceeds(diagnosis.evidence):
-        return diagnosis
-    return _after_refit(question, diagnosis, concluded(examined(free, wanted), rng))
+    return _after_refit(question, diagnosis, other)
 
 
-def _searched(
+def _examined(
     question: FieldQuestion,
-    free: FieldQuestion | None,
     rng: np.random.Generator,
     wanted: Callable[[Proposal], bool],
     watch: Callable[[str], None],
-    parallel_map: ParallelMap,
-) -> tuple[Found, FreeEvidence | None]:
-    """Return the hypotheses with the parameters of the references, and the evidence of those with free parameters.
-
-    Those with free parameters that their simulation contradicts are withdrawn.
-    free: the question with free parameters; None if they are no explanation
-    """
-    if free is None:
-        return examined(question, wanted, watch), None
-    (own_rng,) = rng.spawn(1)  # its numbers are the same in another process
-    searches = (
-        lambda: examined(question, wanted, watch),
-        lambda: FreeEvidence.of(concluded(examined(free, wanted), own_rng).evidence),
-    )
-    found, other = parallel_map(lambda search: search(), searches)
-    return found, other
+) -> Diagnosis:
+    """Return the answer of a search."""
+    found = examined(question, wanted, watch)
+    watch("locating the gap, simulating the effects")
+    return concluded(found, rng)
 
 
 def _after_refit(question: FieldQuestion, before: Diagnosis, after: Diagnosis) -> Diagnosis:
