@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cylforce.diagnosis import concluded, question_of
-from cylforce.diagnosis.constants import LEAST_CLOSURE, SAME_MACHINE
+from cylforce.diagnosis.constants import SAME_MACHINE
 from cylforce.diagnosis.explain import (
     Refit,
     Simulation,
@@ -16,6 +16,7 @@ from cylforce.diagnosis.explain import (
     causes_of,
     closure,
     force_error,
+    least_closure,
     objection_to_magnitude,
     objection_to_simulation,
     refitted,
@@ -27,7 +28,7 @@ from cylforce.diagnosis.explain import (
 from cylforce.diagnosis.regressors import Regressors
 from cylforce.diagnosis.search import examined
 from cylforce.diagnosis.statistics import rms
-from cylforce.effects.fault import BEYOND, INCIDENTAL
+from cylforce.effects.fault import BEYOND, INCIDENTAL, LAW_ERROR
 from cylforce.effects.imposed import imposed
 from cylforce.estimation.model import Model
 from cylforce.readings.constants import HALF
@@ -103,7 +104,7 @@ def test_without_a_gap_there_is_no_share_of_it():
     assert all(np.isnan(x) for x in found.simulated.share)
     question = found.evidence.found.question
     cause = diagnosed((FIELD, (FAULT,))).named[0].cause
-    assert "hardly comes nearer" in objection_to_simulation(question, (cause,), found.simulated)
+    assert "much of the difference" in objection_to_simulation(question, (cause,), found.simulated)
 
 
 def test_a_wide_interval_of_the_closure_says_nothing():
@@ -116,7 +117,8 @@ def test_an_effect_that_lasts_is_contradicted_by_the_bound_of_its_closure_and_an
     """Sizes of an incident are those of the very blocks in which it is simulated."""
     found = diagnosed((FIELD, (FAULT,)))
     question, cause = found.evidence.found.question, found.named[0].cause
-    poor = replace(found.simulated, closure=LEAST_CLOSURE - 0.1, low=0.0, high=LEAST_CLOSURE + 0.3)
+    least = least_closure(cause.proposal.about.torque_error)
+    poor = replace(found.simulated, closure=least - 0.1, low=0.0, high=least + 0.1)
     assert objection_to_simulation(question, (cause,), poor) == ""
     assert objection_to_simulation(question, (replace(cause, form=None),), poor) != ""
 
@@ -229,7 +231,15 @@ def test_the_patch_of_a_contact_has_its_time():
     assert np.all(ends > begins)
     assert np.min(begins) > CONTACT.begin - 4.0
     assert np.max(ends) < CONTACT.end + 5.0
-    assert found.simulated.closure > LEAST_CLOSURE
+    assert found.simulated.closure > least_closure(LAW_ERROR)
+
+
+def test_the_less_certain_a_law_the_more_it_may_leave():
+    """Right and wrong are equally likely where the density of what a right law leaves is one."""
+    errors = np.array([0.05, 0.1, 0.2, 0.35])
+    left = 1.0 - np.array([least_closure(error) for error in errors])
+    assert np.all(np.diff(left) > 0.0)
+    np.testing.assert_allclose(np.exp(-left / (2.0 * errors**2)) / (2.0 * errors**2), 1.0)
 
 
 # Where

@@ -312,9 +312,14 @@ def _tried(
 
 
 def _single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Candidate:
-    """Return the most probable hypothesis of an effect alone; `candidate` if there is none."""
+    """Return the most probable hypothesis of an effect alone, under the conditions of a whole one.
+
+    candidate: the whole hypothesis, which is returned if there is none of the effect alone
+    """
     own = [c for c in evidence.candidates if len(c.hypothesis.forms) == 1 and c.keys == {key}]
-    return max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
+    found = max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
+    noise = replace(found.hypothesis.noise, conditions=candidate.hypothesis.noise.conditions)
+    return replace(found, hypothesis=replace(found.hypothesis, noise=noise))
 
 
 def _shows(question: FieldQuestion, cause: Cause, alone: Simulated, law_error: float) -> bool:

@@ -15,7 +15,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy import stats
 
-from cylforce.diagnosis.constants import DETECTABLE, LEAST_CLOSURE
+from cylforce.diagnosis.constants import DETECTABLE, LEAST_SHARE
 from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.likelihood import Likelihood, Nuisance
 from cylforce.diagnosis.model import (
@@ -306,7 +306,7 @@ class Simulation:
     def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
         """Return the gap before and after causes; incidents have the sizes of their own blocks.
 
-        The closure compares two fits, parameters alone and parameters beside the causes, where the question fits them.
+        The closure compares two fits, of the machine alone and of the machine beside the causes, where it is refitted.
         """
         before = self._counted(self._residuals((), None))
         refit = after = before
@@ -314,7 +314,7 @@ class Simulation:
             after = self._residuals(causes, None)
         elif causes:
             after = self._held_out(lambda kept: self._residuals(causes, kept))
-            refit = self._held_out(self._refitted) if self.question.fits_parameters else before
+            refit = self._held_out(self._refitted) if self._refits else before
         after, refit = (
             [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, each, strict=True)] for each in (after, refit)
         )
@@ -326,6 +326,10 @@ class Simulation:
             rng,
         )
         return Simulated(before, after, value, low, high)
+
+    @property
+    def _refits(self) -> bool:
+        return self.candidate is not None and self.question.refits(self.candidate.hypothesis.noise.conditions)
 
     def _counted(self, residuals: list[Array]) -> list[Array]:
         """Return residuals (T, R) with NaN in rows with incident or contact beside the causes."""
@@ -473,16 +477,27 @@ def _in_spans(squares: Array) -> Array:
     return padded.reshape(count, SPAN * squares.shape[1])
 
 
+def least_closure(law_error: float) -> float:
+    """Return the closure from which on a cause is likelier right than wrong.
+
+    Under the right law the share of the gap's energy that is left is exponential, with twice the square of the law's
+    error as its mean; under a wrong one it may be anything between 0 and 1.
+    law_error: relative error of the torque of its law
+    """
+    mean = 2.0 * law_error**2
+    return float(1.0 + mean * np.log(mean))
+
+
 def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], found: Simulated) -> str:
     """Return a sentence why the simulation excludes causes; empty if it does not.
 
-    A cause must remove LEAST_CLOSURE of the gap. It must not worsen a joint or a weight by more than the difference
-    between two recordings of a healthy machine.
+    A cause must remove so much of the gap that it is likelier right than wrong. It must not worsen a joint or a weight
+    by more than the difference between two recordings of a healthy machine.
     """
     names = " and ".join("{}@{}".format(*cause.key) for cause in causes)
     closed = found.high if all(c.lasts for c in causes) else found.closure
-    if not closed >= LEAST_CLOSURE:  # NaN is no closure
-        return f"simulated with {names}, the machine hardly comes nearer to the recordings: not named"
+    if not closed >= min(least_closure(c.proposal.about.torque_error) for c in causes):  # NaN is no closure
+        return f"simulated with {names}, much of the difference to the recordings remains: not named"
     floor, machine = question.machine.floor.rms, question.machine.regressors.model.machine
     worse = rms(found.after) ** 2 - rms(found.before) ** 2 > question.machine.spread_of_joints * floor**2
     if np.any(worse):
@@ -697,7 +712,7 @@ def unexplained_shape(question: FieldQuestion, residuals: Sequence[Array]) -> di
         share = _predicted_energy(torque[good], _curve(values, direction)[good], span[good] % 2) / excess
         found.append((name, detail, float(np.clip(share, 0.0, 1.0))))
     found.sort(key=lambda f: -f[2])
-    if found[0][2] < LEAST_CLOSURE:
+    if found[0][2] < LEAST_SHARE:
         few = _in_few_blocks(torque, float(floor[row])) / excess
         found.insert(0, ("moments", "", float(np.clip(few, 0.0, 1.0))) if few > HALF else ("none", "", 0.0))
     (name, detail, share), *others = found

@@ -518,23 +518,32 @@ class FieldQuestion:
             found[centres] = -np.linalg.solve(normal, whole[centres] @ found)
         return found
 
-    @property
-    def fits_parameters(self) -> bool:
-        """Whether parameters are fitted to these recordings: where they are free, or identified without references."""
-        return self.free or self.machine.references == 0
+    def refits(self, conditions: Conditions) -> bool:
+        """Return whether more of the machine than the loads is fitted to these recordings."""
+        return bool(self._refitted_columns(conditions))
+
+    def _refitted_columns(self, conditions: Conditions) -> list[int]:
+        """Return the columns that are fitted to these recordings: the parameters where they are free, or identified
+        without references, and what oil of another temperature changes.
+        """
+        own, change = set[int](), self.knowledge.temperature
+        if self.free or self.machine.references == 0:
+            own |= set(range(self.machine.layout.first))
+        if conditions.other_oil and change is not None and change.friction is not None:
+            own |= set(np.flatnonzero(np.diag(change.zeros + change.friction)).tolist())
+        return sorted(own)
 
     def beside(self, more: Array, case: Likelihood, conditions: Conditions) -> Array:
         """Return the coefficients (K'+1,) of the reported residual given the sizes of effects.
 
-        The centres of the loads are fitted to it, and the parameters if `fits_parameters`.
+        The centres of the loads are fitted to it, and what else these recordings refit.
         more:       (K'+M,) sizes of the effects' columns, those of an effect with a refined shape appended
         case:       likelihood of the blocks that count, with the same columns
         conditions: of the recordings
         """
         found, layout = self.plain.copy(), self.machine.layout
-        own = list(range(layout.size, layout.size + CENTRE * len(self.loaded)))
-        if self.fits_parameters:
-            own = [*range(layout.first), *own]
+        own = [k for k in self._refitted_columns(conditions) if more[k] == 0.0]
+        own += range(layout.size, layout.size + CENTRE * len(self.loaded))
         if own:
             start = np.concatenate([found[:-1], np.zeros(len(more) - self.size), found[-1:]]) - np.append(more, 0.0)
             start[own] = 0.0
