@@ -165,6 +165,15 @@ def test_a_simulation_with_other_parameters_is_answered_with_these(identified):
     assert "before" not in said
 
 
+def test_one_wrong_mass_of_a_simulation_is_no_fault_of_the_machine(identified):
+    """A single effect closes the gap, but a simulation is no earlier state of the machine."""
+    own = recorded(identified.parent / "same.csv", 2, seconds=120.0)
+    heavier = imposed(SMALL.service.machine, "extra_mass", "bucket", (60.0, 0.0, 0.0, 0.0))
+    found = diagnose(SMALL, Question((recorded(identified.parent / "heavier.csv", 7, heavier),), simulation=(own,)))
+    assert "identify_first" in found.answer
+    assert "extra_mass" not in {effect["name"] for effect in found.answer["effects"]}
+
+
 def test_beside_a_simulation_with_other_parameters_no_effect_of_masses_or_friction_is_named(identified):
     """Four to eight effects were named with a hidden one: errors of the simulation's masses and friction."""
     own = recorded(identified.parent / "simulated.csv", 2, seed=SEED + 1, seconds=120.0)

@@ -88,9 +88,12 @@ def test_friction_that_a_data_sheet_does_not_know_is_no_false_alarm():
     assert judged("none", {"verdict": "unknown"}, (), references=[]).alarm
 
 
+TO_IDENTIFY = {"verdict": "not_observable", "identify_first": {"share": 0.9}}
+
+
 def test_a_data_sheet_alone_is_to_be_identified_first():
     """No effect can be named beside it: such a case is no miss; a name is one."""
-    told, named = (judged("known", answer, references=[]) for answer in ({"verdict": "not_observable"}, RIGHT))
+    told, named = (judged("known", answer, references=[]) for answer in (TO_IDENTIFY, RIGHT))
     found = shares([told, named])
     assert found["first"] == (0, 0)
     assert found["identify_first"] == (1, 2)

@@ -49,7 +49,12 @@ class Trial:
         """The records of the table so far."""
         if not self.table.exists():
             return []
-        return [json.loads(line) for line in self.table.read_text().splitlines()]
+        found: list[Record] = [json.loads(line) for line in self.table.read_text().splitlines()]
+        if any("over_floor" not in effect for record in found for effect in record["label"]["effects"]):
+            raise ValueError(
+                f"{self.table}: is of an older trial, without the floors of its effects: name another table"
+            )
+        return found
 
     def append(self, record: Record) -> None:
         """One line more; several processes may write."""

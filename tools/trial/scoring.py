@@ -45,8 +45,8 @@ def shares(cases: Sequence[Judged]) -> dict[str, Share]:
         "pairs_exact": share(pairs, lambda c: c.named and c.listed == c.truth),
         "pairs_exact_visible": share([c for c in pairs if c.visible], lambda c: c.named and c.listed == c.truth),
         "identify_first": share(
-            [c for c in cases if not c.has_model and c.kind != "without"],
-            lambda c: c.answer["verdict"] == "not_observable",
+            [c for c in cases if not c.has_model and c.kind not in ("poor", "without")],
+            lambda c: "identify_first" in c.answer,
         ),
         "leave_one_out_named": share(of["without"], sure),
         "poor_wrong": share(of["poor"], lambda c: c.named and not c.present & c.listed),

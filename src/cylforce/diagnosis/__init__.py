@@ -106,11 +106,19 @@ class Diagnosis:
     same: dict[Key, Key] = field(default_factory=dict)
 
     @property
-    def leaves_gap(self) -> bool:
-        """True where the machine does not work, and more is left than two recordings of a healthy machine differ."""
+    def needs_parameters(self) -> bool:
+        """True where other parameters of the model may be the better answer.
+
+        Causes that leave no more than two recordings of a healthy machine differ need none. A simulation is no earlier
+        state of the machine: an effect that changes its masses or friction is an error of its parameters.
+        """
+        question = self.evidence.found.question
         if self.evidence.found.work is not None or self.verdict in (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE):
             return False
-        return not np.all(without_gap(rms(self.simulated.after), self.evidence.found.question.machine.floor.rms))
+        simulated = question.machine.source is KnowledgeSource.SIMULATION
+        if simulated and any(n.cause.proposal.of_parameters for n in self.named):
+            return True
+        return not np.all(without_gap(rms(self.simulated.after), question.machine.floor.rms))
 
     @property
     def only_parameters(self) -> bool:
@@ -169,24 +177,21 @@ def diagnose(
     """
     watch("columns of every effect")
     question = question_of(machine, recordings, rng, jumps, zeros, parallel_map)
-    diagnosis = _examined(question, rng, wanted, watch)
-    if identified or not diagnosis.leaves_gap:
-        return diagnosis
-    refit = refitted(question)
-    if refit.share <= HALF:
-        return diagnosis
+    diagnosis = _answered(question, rng, wanted, watch)
     watch("the model's own parameters")
-    other = _examined(question.with_free_parameters(refit.values), rng, wanted, watch)
+    if identified or not diagnosis.needs_parameters or diagnosis.refit.share <= HALF:
+        return diagnosis
+    other = _answered(question.with_free_parameters(diagnosis.refit.values), rng, wanted)
     if not FreeEvidence.of(other.evidence).exceeds(diagnosis.evidence):
         return diagnosis
     return _after_refit(question, diagnosis, other)
 
 
-def _examined(
+def _answered(
     question: FieldQuestion,
     rng: np.random.Generator,
     wanted: Callable[[Proposal], bool],
-    watch: Callable[[str], None],
+    watch: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Return the answer of a search."""
     found = examined(question, wanted, watch)
@@ -318,8 +323,12 @@ def _single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Can
     """
     own = [c for c in evidence.candidates if len(c.hypothesis.forms) == 1 and c.keys == {key}]
     found = max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)
-    noise = replace(found.hypothesis.noise, conditions=candidate.hypothesis.noise.conditions)
-    return replace(found, hypothesis=replace(found.hypothesis, noise=noise))
+    h, conditions = found.hypothesis, candidate.hypothesis.noise.conditions
+    if h.noise.conditions == conditions:
+        return found
+    case = found.question.likelihood()
+    case = replace(case, nuisance=found.incident.nuisance) if found.incident else case
+    return replace(found, hypothesis=case.hypothesis(h.forms, replace(h.noise, conditions=conditions), h.doubt))
 
 
 def _shows(question: FieldQuestion, cause: Cause, alone: Simulated, law_error: float) -> bool:

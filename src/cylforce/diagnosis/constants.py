@@ -42,6 +42,6 @@ DETECTABLE = 5.0  # standard errors from which on a magnitude is detectable
 FEW_BLOCKS = 0.4  # share of the blocks: contact in more of them is the machine's work
 
 # The answer.
-LEAST_SHARE = 0.3  # of an unexplained residual's energy that a curve must predict to be told; convention
+LEAST_SHARE = 0.3  # of an unexplained residual's energy that a curve must predict to be reported; convention
 SAME_EVIDENCE = 3.0  # nats: two descriptions of one change that differ by less are one answer (odds of 20)
 COSTS = {"missed": 0.5, "unsaid": 0.25, "rival": 0.05, "wrong_set": 0.6}  # in units of a wrong name

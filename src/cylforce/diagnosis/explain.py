@@ -14,8 +14,9 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.special import xlogy
 
-from cylforce.diagnosis.constants import DETECTABLE, LEAST_SHARE
+from cylforce.diagnosis.constants import DETECTABLE, LEAST_SHARE, SAME_MACHINE
 from cylforce.diagnosis.decide import HypothesisEvidence
 from cylforce.diagnosis.likelihood import Likelihood, Nuisance
 from cylforce.diagnosis.model import (
@@ -481,31 +482,39 @@ def least_closure(law_error: float) -> float:
     """Return the closure from which on a cause is likelier right than wrong.
 
     Under the right law the share of the gap's energy that is left is exponential, with twice the square of the law's
-    error as its mean; under a wrong one it may be anything between 0 and 1.
+    error as its mean; under a wrong one it may be anything between 0 and 1. Of a law with an error of 0.43 or more,
+    nothing that is left tells right from wrong: it keeps the closure of that error, 0.63.
     law_error: relative error of the torque of its law
     """
-    mean = 2.0 * law_error**2
-    return float(1.0 + mean * np.log(mean))
+    mean = min(2.0 * law_error**2, np.exp(-1.0))
+    return float(1.0 + xlogy(mean, mean))
 
 
 def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], found: Simulated) -> str:
     """Return a sentence why the simulation excludes causes; empty if it does not.
 
-    A cause must remove so much of the gap that it is likelier right than wrong. It must not worsen a joint or a weight
-    by more than the difference between two recordings of a healthy machine.
+    Beside what two recordings of a healthy machine differ, causes must remove so much of the gap that they are likelier
+    right than wrong; of several, the law with the largest error counts. They must not worsen a joint or a weight by
+    more than that difference.
     """
     names = " and ".join("{}@{}".format(*cause.key) for cause in causes)
     closed = found.high if all(c.lasts for c in causes) else found.closure
-    if not closed >= min(least_closure(c.proposal.about.torque_error) for c in causes):  # NaN is no closure
-        return f"simulated with {names}, much of the difference to the recordings remains: not named"
+    if np.isnan(closed):
+        return f"no difference remains that {names} could explain: not named"
     floor, machine = question.machine.floor.rms, question.machine.regressors.model.machine
-    worse = rms(found.after) ** 2 - rms(found.before) ** 2 > question.machine.spread_of_joints * floor**2
+    spread, known = question.machine.spread_of_joints, floor > 0.0
+    before, after = (rms(each) ** 2 for each in (found.before, found.after))
+    gap = float(np.mean(before[known] / floor[known] ** 2)) - 1.0
+    healthy = float(np.mean(spread[known]) / max(gap, SAME_MACHINE))
+    if closed + healthy < min(least_closure(c.proposal.about.torque_error) for c in causes):
+        return f"simulated with {names}, much of the difference to the recordings remains: not named"
+    worse = after - before > spread * floor**2
     if np.any(worse):
         joint = machine.links[machine.rows[int(np.argmax(worse))]].name
         return f"simulated with {names}, the {joint} differs more from the recordings than before: not named"
     unit = _weight_of_floor(question)
-    before, after = (weight_error(question, e) / unit for e in (found.before, found.after))
-    if after**2 - before**2 > np.min(question.machine.spread_of_joints):
+    weights = [weight_error(question, each) / unit for each in (found.before, found.after)]
+    if weights[1] ** 2 - weights[0] ** 2 > np.min(spread):
         return f"simulated with {names}, weights are more wrong than before: not named"
     return ""
 

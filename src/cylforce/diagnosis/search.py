@@ -523,8 +523,11 @@ class FieldQuestion:
         return bool(self._refitted_columns(conditions))
 
     def _refitted_columns(self, conditions: Conditions) -> list[int]:
-        """Return the columns that are fitted to these recordings: the parameters where they are free, or identified
-        without references, and what oil of another temperature changes.
+        """Return the columns that are fitted to these recordings, beside those of loads.
+
+        These are the parameters where they are free, or identified without references, and with oil of another
+        temperature the friction and the zeros of sensors that change with it. Zeros alone are no condition of a
+        simulation: they would complete every uneven friction to an even one.
         """
         own, change = set[int](), self.knowledge.temperature
         if self.free or self.machine.references == 0:

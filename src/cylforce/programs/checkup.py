@@ -1,6 +1,7 @@
 """`cylforce checkup`: recordings one after the other until the check-up ends.
 
-It ends when one cause is certain, when the machine is healthy, or when no further motion separates the causes.
+It ends when one cause is certain, when the machine is healthy, when no further motion separates the causes, or when
+something else comes first: an identification of the machine, or better references.
 """
 
 import asyncio
@@ -149,8 +150,7 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
     if found.diagnosis is None or found.plan is None:
         return _without_diagnosis(machine, name, found)
     evidence, plan, named = found.diagnosis.evidence, found.plan, found.diagnosis.named
-    posterior = {} if found.diagnosis.only_parameters else evidence.posterior
-    causes = tuple(sorted(posterior.items(), key=lambda item: -item[1])[:MOST_SHOWN])
+    causes = tuple(sorted(evidence.posterior.items(), key=lambda item: -item[1])[:MOST_SHOWN])
     working = evidence.found.work.names if evidence.found.work else frozenset[str]()
     free = [seen for seen in evidence.found.question.seen if seen.recording.name not in working]
     still_next = question.still is None and _holds_zero(evidence.credible)
@@ -183,7 +183,9 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
 
 
 def _without_diagnosis(machine: Machine, name: str, found: Diagnosed) -> tuple[CheckupStep, Checked]:
-    """Return a step without a diagnosis: wrong clocks, a sensor fault, too little motion, or only a data sheet."""
+    """Return a step without a plan: wrong clocks, a sensor fault, too little motion, useless references, or a model
+    whose parameters come first.
+    """
     effects = found.answer.get("effects", [])
     causes = tuple(((each["name"], each["at"]), float(each["confidence"])) for each in effects[:MOST_SHOWN])
     step = CheckupStep(name, found.answer["verdict"], causes)
@@ -234,7 +236,7 @@ def line_of(machine: Machine, number: int, checked: Checked) -> str:
 
 def sentences_of(machine: Machine, checked: Checked) -> list[str]:
     """Return how the check-up ended, or the next recording to be made."""
-    step, motion = checked.steps[-1], "" if checked.found.poor_references else f": {HEALTHY_MOTION}"
+    step, cure = checked.steps[-1], "" if checked.found.poor_references else f": {HEALTHY_MOTION}"
     ends = {
         End.HEALTHY: "no fault: the machine moves as it did while it was healthy",
         End.CERTAIN: "decided: " + "; ".join(fault(machine, *key) for key, _ in step.causes[:1]),
@@ -243,7 +245,7 @@ def sentences_of(machine: Machine, checked: Checked) -> list[str]:
         End.IDENTIFY_FIRST: (
             "identify the machine first (cylforce identify): its model's masses and friction are not this machine's"
         ),
-        End.REFERENCES: f"the references do not suffice{motion}",
+        End.REFERENCES: f"the references do not suffice{cure}",
         End.OPEN: "not decided yet",
     }
     found = [ends[checked.end]]

@@ -64,7 +64,7 @@ class Diagnosed:
     answer:    as in the JSON file
     diagnosis: None where nothing could be concluded, and where there is only a data sheet
     sheet:     the gap of a machine with only a data sheet, else None
-    plan:      plan of the next recordings; None where nothing could be concluded
+    plan:      plan of the next recordings; None where nothing could be concluded, and before an identification
     poor_references: whether nothing can be concluded because of the references: more recordings do not help
     """
 
@@ -141,8 +141,8 @@ class _GapRun:
         self.watch("references", None)
         same = alike(model, references, healthy.short, field.stretches)
         if question.healthy and not same.kept and not (question.identified or question.usual):
-            told = "; ".join([*([apart(odd)] if odd else []), *same.warnings])
-            return replace(_nothing(f"no reference is left: {told}"), poor_references=True)
+            reasons = "; ".join([*([apart(odd)] if odd else []), *same.warnings])
+            return replace(_nothing(f"no reference is left: {reasons}"), poor_references=True)
         moving = _moving_seconds(model, field.stretches)
         if moving < MOVING_S:
             return _nothing(f"only {moving:.0f} s of usable motion: move every joint both ways, slowly and fast")
@@ -186,9 +186,10 @@ class _GapRun:
         if late and not _named_first(found, CLOCKS):
             return Diagnosed(off_clock(late))
         self.watch("what to record next", None)
-        plan = planned(found.evidence)
+        plan = None if found.only_parameters else planned(found.evidence)
         whole = answer(found) | _readings(loaded, groups)
-        whole["next_experiment"] = [*before_anything(whole), *sentences(plan), *whole["next_experiment"]]
+        motions = sentences(plan) if plan else []
+        whole["next_experiment"] = [*before_anything(whole), *motions, *whole["next_experiment"]]
         beside = happening_beside(loaded.service.machine, *_beside(found))
         clocks = apart(late) if late else ""
         colder = OTHER_TEMPERATURE if found.other_temperature else ""
