@@ -150,16 +150,6 @@ def test_a_visible_residual_of_a_healthy_machine_may_hide_an_effect():
     assert not evidence(incidents=[incident(CONTACT, 600.0, before=1.5)]).is_hidden
 
 
-def test_a_gap_of_a_healthy_machine_must_be_as_certain_as_a_cause():
-    """Without a gap nothing is doubtful, however uncertain: nothing differs."""
-    rival = [candidate(3.0, k) for k in range(3)]
-    doubtful = evidence(*rival, healthy=candidate(0.0, rest=1.5))
-    assert doubtful.posterior[NO_GAP] < 0.8
-    assert doubtful.is_doubtful
-    assert not evidence(candidate(-5.0, 0), healthy=candidate(0.0, rest=1.5)).is_doubtful
-    assert not evidence(*rival, healthy=candidate(0.0, rest=1.0), gap=1.0).is_doubtful
-
-
 def test_with_oil_of_another_temperature_evidence_counts_a_sixth():
     """References do not show that friction: structure of its law is model error."""
     colder = [candidate(300.0, 0, noise=COLDER), candidate(310.0, 0, 2, noise=COLDER)]

@@ -258,7 +258,7 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
 
     A contradicted cause is withdrawn. Bayes' rule holds among the others: the next one is simulated. Beside that, mass
     and first moment of a link are one answer (`one_answer`). At work, no gap and unknown become not observable; so
-    does no gap that leaves a visible residual, because the references differ as much, or that is not certain enough.
+    does no gap that leaves a visible residual, because the references differ as much.
     """
     question = found.question
     evidence, same = one_answer(HypothesisEvidence(found))
@@ -269,9 +269,8 @@ def concluded(found: Found, rng: np.random.Generator) -> Diagnosis:
         cost = costs(evidence, key)
         verdict = min(cost, key=lambda v: cost[v])
         if verdict in (Verdict.NO_GAP, Verdict.UNKNOWN) or key is None:
-            unsure = verdict is Verdict.NO_GAP and (evidence.is_hidden or evidence.is_doubtful)
-            if found.work is not None or unsure:  # unknown loads and contact, or poor references, may hide an effect
-                verdict = Verdict.NOT_OBSERVABLE
+            if found.work is not None or (verdict is Verdict.NO_GAP and evidence.is_hidden):
+                verdict = Verdict.NOT_OBSERVABLE  # unknown loads and contact, or poor references, may hide an effect
             return _answer(evidence, verdict, (), plain, refuted, same)
         named, simulated, objection = _tried(evidence, key, rng)
         if not objection:

@@ -206,11 +206,6 @@ class HypothesisEvidence:
         residual = likeliest.rest if lasts else likeliest.before
         return residual**2 - 1.0 > VISIBLE
 
-    @property
-    def is_doubtful(self) -> bool:
-        """True where there is a gap, and a healthy machine is less certain to leave it than a cause that is named."""
-        return self.has_gap and self.posterior.get(NO_GAP, 0.0) < SURE
-
     def probability_healthy(self, residual: float) -> float:
         """Return the probability that a residual is a healthy machine's, not one of a cause that the library lacks.
 

@@ -166,7 +166,7 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
         end = End.HEALTHY
     elif found.diagnosis.parameters_first:
         end = End.IDENTIFY_FIRST
-    elif found.diagnosis.verdict is Verdict.NOT_OBSERVABLE and not working and evidence.is_hidden:
+    elif found.diagnosis.verdict is Verdict.NOT_OBSERVABLE and not working:
         end = End.REFERENCES
     elif len(named) and not named[0].rivals and named[0].confidence >= CERTAIN and _alone(found):
         end = End.CERTAIN

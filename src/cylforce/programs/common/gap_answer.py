@@ -250,10 +250,10 @@ def _reason(found: Diagnosis) -> str:
         at = " and ".join(dict.fromkeys(spot.joint for spot in found.spots if spot.found))
         at = f" at the {at}" if at else ""
         of = {KnowledgeSource.IDENTIFICATION: "the identified model's", KnowledgeSource.SIMULATION: "the simulation's"}
-        differ = f"the torques{at} differ from {of.get(source, 'the references')}"
-        if found.evidence.is_hidden:
-            return f"{differ}, but a machine in order may, too: its recordings differ as much from each other"
-        return f"{differ}, and with {found.evidence.posterior[NO_GAP]:.0%} that is a machine in order: not sure enough"
+        return (
+            f"the torques{at} differ from {of.get(source, 'the references')}, but a machine in order may, too: its "
+            "recordings differ as much from each other"
+        )
     told = [f"{name} at {at}" for name, at in _effects_by_probability(found)][:MOST_LISTED]
     most = f"; the most probable: {', '.join(told)}" if told and source is not KnowledgeSource.IDENTIFICATION else ""
     return f"the machine works in these recordings, with loads and contact of which nothing is known{most}"
