@@ -24,7 +24,7 @@ from cylforce.can.opening import open_shared_bus
 from cylforce.commissioning.guidance import Guide
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.model import Seen
-from cylforce.diagnosis.search import Key
+from cylforce.diagnosis.search import NO_GAP, Key
 from cylforce.effects.library import LIBRARY, Group
 from cylforce.files.atomic import RecordingError, replacing
 from cylforce.files.logfile import LogWriter
@@ -162,7 +162,8 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
     elif plan.advice:
         separates = plan.advice[0].separates
     end = End.OPEN
-    if found.diagnosis.verdict is Verdict.NO_GAP:
+    nothing_more = missing is None and not plan.advice
+    if found.diagnosis.verdict is Verdict.NO_GAP and (evidence.posterior[NO_GAP] >= CERTAIN or nothing_more):
         end = End.HEALTHY
     elif found.diagnosis.parameters_first:
         end = End.IDENTIFY_FIRST
@@ -170,7 +171,7 @@ def concluded(machine: Machine, question: Question, found: Diagnosed) -> tuple[C
         end = End.REFERENCES
     elif len(named) and not named[0].rivals and named[0].confidence >= CERTAIN and _alone(found):
         end = End.CERTAIN
-    elif missing is None and not still_next and not plan.advice:
+    elif nothing_more and not still_next:
         end = End.INSEPARABLE if plan.inseparable else End.NO_MOTION
     step = CheckupStep(name, str(found.diagnosis.verdict), causes, separates)
     open_causes = plan.inseparable if end is End.INSEPARABLE else evidence.credible

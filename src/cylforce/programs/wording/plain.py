@@ -8,6 +8,7 @@ from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.mechanics.machine import Machine
 from cylforce.programs.wording.fault_words import BEFORE, THAN, amount, fault, number
 from cylforce.programs.wording.parameter_words import parameter_error
+from cylforce.readings.constants import SURE
 
 MOST = 0.6  # of a joint's difference, from which on a sentence has its circumstances; as for shapes
 MOST_WHEN = 2  # circumstances in a sentence, at most
@@ -31,7 +32,7 @@ SHAPES = {
     "time": "it changes with time",
     "moments": "it comes for moments only",
 }
-SURE = ((0.95, "Almost certainly"), (0.8, "Very probably"), (0.5, "Probably"), (0.0, "Possibly"))  # convention
+LIKELIHOODS = ((0.95, "Almost certainly"), (0.8, "Very probably"), (0.5, "Probably"), (0.0, "Possibly"))  # convention
 MOST_OF = 0.9  # of a recording: if less was examined, a line reports it
 LEAST = 0.01  # least probability of a rival in the answer
 NEXT = "Do next"
@@ -122,6 +123,9 @@ KNOWN_BY = {  # sources of the healthy machine in words
     "simulation": {"normal": "the simulation", "known": "the simulated recordings"},
     "identification": {"normal": "the identified model", "known": "the recordings of its identification"},
 }
+LIKELY_IN_ORDER = (
+    "{likely} no fault: these recordings differ from the model, but perhaps no more than is normal for this machine"
+)
 UNDECIDED = "Something is wrong{there}; which fault it is cannot be said yet{shape}"
 SILENT = (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE)  # there is no fault with a size
 
@@ -142,6 +146,9 @@ def headline(machine: Machine, answer: dict[str, Any]) -> str:
         "shape": f"; {SHAPES[told['of']]}" if told and told["of"] in SHAPES else "",
     }
     said = UNDECIDED if _undecided(answer) else HEADLINES[Verdict(answer["verdict"])]
+    in_order = answer.get("probabilities", {"no_gap": 1.0})["no_gap"]
+    if answer["verdict"] == Verdict.NO_GAP and in_order < SURE:
+        said = LIKELY_IN_ORDER.format(likely=_likely(in_order))
     if answer["verdict"] == Verdict.NOT_OBSERVABLE and not answer["working"]:
         said = UNLIKE.format(**KNOWN_BY.get(answer.get("compared_with", ""), KNOWN_BY["references"]))
     return f"{said.format(**words)}."
@@ -164,7 +171,7 @@ def _found(machine: Machine, answer: dict[str, Any]) -> str:
 
 
 def _likely(probability: float) -> str:
-    return next(word for least, word in SURE if probability >= least)
+    return next(word for least, word in LIKELIHOODS if probability >= least)
 
 
 def _causes(machine: Machine, answer: dict[str, Any]) -> str:
