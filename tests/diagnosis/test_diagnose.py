@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis import concluded, diagnose
+from cylforce.diagnosis import concluded, diagnose, single
 from cylforce.diagnosis.decide import Verdict
+from cylforce.diagnosis.likelihood import Conditions
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.readings.constants import HALF
@@ -78,6 +79,25 @@ def test_cold_oil_that_warms_is_no_fault():
     assert cold.other_temperature
     loss = ("return_line_loss", "stick")
     assert names(found(*colder, effect(*loss, [1e4, 3e3])))[0] == loss
+
+
+def test_a_simulation_refits_what_oil_changes_only_where_the_oil_is_another():
+    question = replace(diagnosed((FIELD, ())).evidence.found.question, same_oil=False)
+    warmth = [None, 0.0, 0.3, 1.0]
+    assert [question.refits(Conditions(temperature=t)) for t in warmth] == [False, False, True, True]
+    assert not question.with_same_oil().refits(Conditions(temperature=1.0))
+
+
+def test_a_cause_by_itself_has_the_size_and_error_of_the_conditions_under_which_it_is_simulated():
+    """The friction of one cylinder is hardly known where all friction may be another."""
+    found = diagnosed((FIELD, (FAULTS[0], effect("angle_offset", "bucket_angle", 0.05))))
+    key = (FAULTS[0].group[0].about.name, FAULTS[0].at)
+    (best,) = [c for c in found.evidence.candidates if c.keys == {key}][:1]
+    noise = replace(best.hypothesis.noise, conditions=Conditions(temperature=1.0))
+    warm = replace(best, hypothesis=replace(best.hypothesis, noise=noise))
+    plain, other = (single(found.evidence, key, each).hypothesis for each in (best, warm))
+    assert other.noise.conditions.other_oil
+    assert other.errors[0] > 3.0 * plain.errors[0]
 
 
 def test_no_gap_is_not_said_where_the_references_differ_as_much_as_the_recording():

@@ -301,9 +301,9 @@ def _tried(
     if evidence.found.work is not None:  # no effect removes contact and loads, most of that gap
         (cause, *_) = causes_of(evidence, candidate)
         return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause)
-    single = _single(evidence, key, candidate)
-    (first,) = causes_of(evidence, single)[:1]
-    alone = Simulation(question, single).run((first,), rng)
+    by_itself = single(evidence, key, candidate)
+    (first,) = causes_of(evidence, by_itself)[:1]
+    alone = Simulation(question, by_itself).run((first,), rng)
     objection = objection_to_magnitude(first) or objection_to_simulation(question, (first,), alone)
     both, law_error = causes_of(evidence, candidate), first.proposal.about.torque_error
     more = [c for c in both[1:] if c.probability >= SURE and c.key != UNKNOWN]
@@ -316,7 +316,7 @@ def _tried(
     return (first,), alone, objection
 
 
-def _single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Candidate:
+def single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Candidate:
     """Return the most probable hypothesis of an effect alone, under the conditions of a whole one.
 
     candidate: the whole hypothesis, which is returned if there is none of the effect alone
