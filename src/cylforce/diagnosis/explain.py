@@ -267,7 +267,8 @@ def _span(question: FieldQuestion, there: Mask) -> dict[str, float]:
 class Simulated:
     """Gap before and after causes are switched on in the simulated machine.
 
-    before:  residuals (T, R) [N m] of every recording without the causes
+    before:  residuals (T, R) [N m] of every recording without the causes; with oil of another temperature, what it
+             changes is fitted
     after:   residuals (T, R) [N m] with them; the magnitudes of each span are fitted without that span
     closure: share of the gap's energy that is removed; of the gap that the parameters leave, if the question fits them;
              NaN where that gap is too small for a share
@@ -319,6 +320,7 @@ class Simulation:
         after, refit = (
             [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, each, strict=True)] for each in (after, refit)
         )
+        before = refit if self._has_other_oil else before  # what oil changes is no part of what the causes remove
         machine = self.question.machine
         value, (low, high) = closure(
             np.concatenate([mean_squares(e) for e in refit]),
@@ -331,6 +333,10 @@ class Simulation:
     @property
     def _refits(self) -> bool:
         return self.candidate is not None and self.question.refits(self.candidate.hypothesis.noise.conditions)
+
+    @property
+    def _has_other_oil(self) -> bool:
+        return self.candidate is not None and self.candidate.hypothesis.noise.conditions.other_oil
 
     def _counted(self, residuals: list[Array]) -> list[Array]:
         """Return residuals (T, R) with NaN in rows with incident or contact beside the causes."""
