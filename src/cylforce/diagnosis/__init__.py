@@ -326,7 +326,7 @@ def single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Cand
     h, conditions = found.hypothesis, candidate.hypothesis.noise.conditions
     if h.noise.conditions == conditions:
         return found
-    case = found.question.likelihood()
+    case = found.question.without_rows().likelihood()  # the candidate shall not keep its rows
     case = replace(case, nuisance=found.incident.nuisance) if found.incident else case
     return replace(found, hypothesis=case.hypothesis(h.forms, replace(h.noise, conditions=conditions), h.doubt))
 
