@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cylforce.diagnosis import concluded, diagnose, single
+from cylforce.diagnosis import concluded, diagnose, single_effect
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.likelihood import Conditions
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN
@@ -95,7 +95,7 @@ def test_a_cause_by_itself_has_the_size_and_error_of_the_conditions_under_which_
     (best,) = [c for c in found.evidence.candidates if c.keys == {key}][:1]
     noise = replace(best.hypothesis.noise, conditions=Conditions(temperature=1.0))
     warm = replace(best, hypothesis=replace(best.hypothesis, noise=noise))
-    plain, other = (single(found.evidence, key, each).hypothesis for each in (best, warm))
+    plain, other = (single_effect(found.evidence, key, each).hypothesis for each in (best, warm))
     assert other.noise.conditions.other_oil
     assert other.errors[0] > 3.0 * plain.errors[0]
 

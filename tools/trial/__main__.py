@@ -100,6 +100,7 @@ def main() -> int:
         table, diagnosis=Diagnosis(tuple(asked.diagnosis)), oracle=not asked.no_oracle, knowledge=asked.knowledge
     )
     try:
+        trial.done()  # refuses a table that cannot be scored before any case is run
         cases = _asked(asked, trial).stratum(asked.stratum)
     except ValueError as error:
         print(f"withheld_trial: {error}", file=sys.stderr)

@@ -153,7 +153,7 @@ class Judged:
 
     @property
     def has_model(self) -> bool:
-        """Whether the machine in order is known by more than its data sheet."""
+        """Whether the diagnosis has references or an identification, and not the data sheet alone."""
         return bool(self.label.get("references", True))
 
     @property

@@ -52,7 +52,7 @@ class Trial:
         found: list[Record] = [json.loads(line) for line in self.table.read_text().splitlines()]
         if any("over_floor" not in effect for record in found for effect in record["label"]["effects"]):
             raise ValueError(
-                f"{self.table}: is of an older trial, without the floors of its effects: name another table"
+                f"{self.table}: its effects lack over_floor, as in tables of older trials: give another --table"
             )
         return found
 

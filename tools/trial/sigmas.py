@@ -126,15 +126,15 @@ class Comparison:
 
     @property
     def added(self) -> float:
-        """Rms torque that the effect adds, in floors, at the joint where it adds most; a joint without rows adds
-        nothing."""
+        """Rms torque that the effect adds, in noise floors, at the joint where it is largest; 0 at a joint without
+        rows."""
         rows = np.maximum(np.isfinite(self.difference).sum(axis=0), 1)
         return float(np.max(np.sqrt(np.nansum(self.difference**2, axis=0) / rows) / self.level))
 
     @property
     def over_floor(self) -> float:
-        """Rms residual with the effect, in floors, at the joint where it leaves most: floor and effect do not know of
-        each other."""
+        """Rms residual with the effect, in noise floors, at the joint where it is largest: sqrt(1 + added^2), as floor
+        and effect are uncorrelated."""
         return float(np.hypot(1.0, self.added))
 
 

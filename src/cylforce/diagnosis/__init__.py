@@ -109,8 +109,9 @@ class Diagnosis:
     def needs_parameters(self) -> bool:
         """True where other parameters of the model may be the better answer.
 
-        Causes that leave no more than two recordings of a healthy machine differ need none. A simulation is no earlier
-        state of the machine: an effect that changes its masses or friction is an error of its parameters.
+        They are not needed where the residual with the causes is as small as between two recordings of a healthy
+        machine. A simulation is no earlier state of the machine: an effect that changes its masses or friction is an
+        error of its parameters.
         """
         question = self.evidence.found.question
         if self.evidence.found.work is not None or self.verdict in (Verdict.NO_GAP, Verdict.NOT_OBSERVABLE):
@@ -122,7 +123,7 @@ class Diagnosis:
 
     @property
     def only_parameters(self) -> bool:
-        """True where the refit is the whole answer: no probability of an effect holds with these parameters."""
+        """True where the refit is the whole answer: the parameters come first, and no effect is named beside them."""
         return self.parameters_first and not self.named
 
     @property
@@ -193,7 +194,7 @@ def _answered(
     wanted: Callable[[Proposal], bool],
     watch: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
-    """Return the answer of a search."""
+    """Search for effects and return the answer."""
     found = examined(question, wanted, watch)
     watch("locating the gap, simulating the effects")
     return concluded(found, rng)
@@ -301,7 +302,7 @@ def _tried(
     if evidence.found.work is not None:  # no effect removes contact and loads, most of that gap
         (cause, *_) = causes_of(evidence, candidate)
         return (cause,), Simulation(question, None).run((), rng), objection_to_magnitude(cause)
-    by_itself = single(evidence, key, candidate)
+    by_itself = single_effect(evidence, key, candidate)
     (first,) = causes_of(evidence, by_itself)[:1]
     alone = Simulation(question, by_itself).run((first,), rng)
     objection = objection_to_magnitude(first) or objection_to_simulation(question, (first,), alone)
@@ -316,10 +317,10 @@ def _tried(
     return (first,), alone, objection
 
 
-def single(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Candidate:
-    """Return the most probable hypothesis of an effect alone, under the conditions of a whole one.
+def single_effect(evidence: HypothesisEvidence, key: Key, candidate: Candidate) -> Candidate:
+    """Return the most probable hypothesis of one effect without others, under the conditions of a larger hypothesis.
 
-    candidate: the whole hypothesis, which is returned if there is none of the effect alone
+    candidate: the larger hypothesis, returned if the effect has no hypothesis without others
     """
     own = [c for c in evidence.candidates if len(c.hypothesis.forms) == 1 and c.keys == {key}]
     found = max(own, key=lambda c: c.log + evidence.prior_of(c), default=candidate)

@@ -267,8 +267,8 @@ def _span(question: FieldQuestion, there: Mask) -> dict[str, float]:
 class Simulated:
     """Gap before and after causes are switched on in the simulated machine.
 
-    before:  residuals (T, R) [N m] of every recording without the causes; with oil of another temperature, what it
-             changes is fitted
+    before:  residuals (T, R) [N m] of every recording without the causes. If the oil has another temperature, friction
+             and sensor zeros are fitted
     after:   residuals (T, R) [N m] with them; the magnitudes of each span are fitted without that span
     closure: share of the gap's energy that is removed; of the gap that the parameters leave, if the question fits them;
              NaN where that gap is too small for a share
@@ -308,7 +308,8 @@ class Simulation:
     def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
         """Return the gap before and after causes; incidents have the sizes of their own blocks.
 
-        The closure compares two fits, of the machine alone and of the machine beside the causes, where it is refitted.
+        Where the machine is refitted (`FieldQuestion.refits`), the closure compares its fit without the causes with its
+        fit beside them.
         """
         before = self._counted(self._residuals((), None))
         refit = after = before
@@ -320,7 +321,7 @@ class Simulation:
         after, refit = (
             [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, each, strict=True)] for each in (after, refit)
         )
-        before = refit if self._has_other_oil else before  # what oil changes is no part of what the causes remove
+        before = refit if self._has_other_oil else before  # the causes do not account for the oil
         machine = self.question.machine
         value, (low, high) = closure(
             np.concatenate([mean_squares(e) for e in refit]),
@@ -485,12 +486,12 @@ def _in_spans(squares: Array) -> Array:
 
 
 def least_closure(law_error: float) -> float:
-    """Return the closure from which on a cause is likelier right than wrong.
+    """Return the smallest closure at which a cause is likelier right than wrong.
 
-    Under the right law the share of the gap's energy that is left is exponential, with twice the square of the law's
-    error as its mean; under a wrong one it may be anything between 0 and 1. Of a law with an error of 0.43 or more,
-    nothing that is left tells right from wrong: it keeps the closure of that error, 0.63.
-    law_error: relative error of the torque of its law
+    The remaining share of the gap's energy has the density exp(-x / m) / m under the right law, with m = 2 k^2. Under a
+    wrong law it is uniform between 0 and 1. The densities are equal at the closure 1 - x = 1 + m ln m. That closure is
+    smallest at m = 1 / e (k = 0.43); a larger k counts as this one.
+    law_error: k, relative error of the torque of its law
     """
     mean = min(2.0 * law_error**2, np.exp(-1.0))
     return float(1.0 + xlogy(mean, mean))
@@ -499,9 +500,9 @@ def least_closure(law_error: float) -> float:
 def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], found: Simulated) -> str:
     """Return a sentence why the simulation excludes causes; empty if it does not.
 
-    Beside what two recordings of a healthy machine differ, causes must remove so much of the gap that they are likelier
-    right than wrong; of several, the law with the largest error counts. They must not worsen a joint or a weight by
-    more than that difference.
+    The closure of the causes must reach `least_closure`; of several causes, that of the least accurate law. The
+    difference between two recordings of a healthy machine is added to the closure. No joint and no weight may become
+    worse by more than that difference.
     """
     names = " and ".join("{}@{}".format(*cause.key) for cause in causes)
     closed = found.high if all(c.lasts for c in causes) else found.closure
@@ -519,8 +520,8 @@ def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], fo
         joint = machine.links[machine.rows[int(np.argmax(worse))]].name
         return f"simulated with {names}, the {joint} differs more from the recordings than before: not named"
     unit = _weight_of_floor(question)
-    weights = [weight_error(question, each) / unit for each in (found.before, found.after)]
-    if weights[1] ** 2 - weights[0] ** 2 > np.min(spread):
+    weight_before, weight_after = (weight_error(question, each) / unit for each in (found.before, found.after))
+    if weight_after**2 - weight_before**2 > np.min(spread):
         return f"simulated with {names}, weights are more wrong than before: not named"
     return ""
 

@@ -519,15 +519,15 @@ class FieldQuestion:
         return found
 
     def refits(self, conditions: Conditions) -> bool:
-        """Return whether more of the machine than the loads is fitted to these recordings."""
+        """Return whether columns of the machine, and not only of loads, are fitted to these recordings."""
         return bool(self._refitted_columns(conditions))
 
     def _refitted_columns(self, conditions: Conditions) -> list[int]:
-        """Return the columns that are fitted to these recordings, beside those of loads.
+        """Return the columns of the machine, without loads, that are fitted to these recordings.
 
-        These are the parameters where they are free, or identified without references, and with oil of another
-        temperature the friction and the zeros of sensors that change with it. Zeros alone are no condition of a
-        simulation: they would complete every uneven friction to an even one.
+        Parameters are fitted where they are free, or identified without references. If the oil has another temperature,
+        friction and sensor zeros are fitted. Zeros are not fitted for another temperature of the sensors alone: a
+        constant force turns Coulomb friction into asymmetric friction.
         """
         own, change = set[int](), self.knowledge.temperature
         if self.free or self.machine.references == 0:
@@ -539,7 +539,7 @@ class FieldQuestion:
     def beside(self, more: Array, case: Likelihood, conditions: Conditions) -> Array:
         """Return the coefficients (K'+1,) of the reported residual given the sizes of effects.
 
-        The centres of the loads are fitted to it, and what else these recordings refit.
+        The centres of the loads are fitted to it, and the columns of the machine that `refits` refers to.
         more:       (K'+M,) sizes of the effects' columns, those of an effect with a refined shape appended
         case:       likelihood of the blocks that count, with the same columns
         conditions: of the recordings

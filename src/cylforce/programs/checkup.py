@@ -237,7 +237,8 @@ def line_of(machine: Machine, number: int, checked: Checked) -> str:
 
 def sentences_of(machine: Machine, checked: Checked) -> list[str]:
     """Return how the check-up ended, or the next recording to be made."""
-    step, cure = checked.steps[-1], "" if checked.found.poor_references else f": {HEALTHY_MOTION}"
+    step = checked.steps[-1]
+    cure = "" if checked.found.poor_references else f": {HEALTHY_MOTION}"  # else the reason has it
     ends = {
         End.HEALTHY: "no fault: the machine moves as it did while it was healthy",
         End.CERTAIN: "decided: " + "; ".join(fault(machine, *key) for key, _ in step.causes[:1]),
