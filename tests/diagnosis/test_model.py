@@ -179,7 +179,7 @@ def stated(machine, name):
 
 
 def test_references_that_differ_teach_a_larger_run_to_run_variation_and_like_ones_a_smaller_one():
-    """Zeros of pressures that differ by ten times what is stated; geometry and clocks are no part of that."""
+    """Zeros of pressures that differ by ten times what is stated; geometry, clocks and friction are no part of that."""
     rng, own = np.random.default_rng(4), [k for k, s in enumerate(MACHINE.signals) if "pressure" in s.name]
     varied = []
     for seed in (1, 2, 3):
@@ -195,6 +195,8 @@ def test_references_that_differ_teach_a_larger_run_to_run_variation_and_like_one
     static, least = stated(few(), "angle_offset")
     for each in (steady, moving):
         np.testing.assert_allclose(each[static], least, rtol=0.05)
+    rubbing, usual = stated(few(), "coulomb_friction")
+    assert np.all(moving[rubbing] <= 1.001 * usual), moving[rubbing] / usual
 
 
 def test_an_error_that_references_show_with_an_impossible_sign_is_no_evidence_that_it_went():

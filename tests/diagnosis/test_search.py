@@ -221,6 +221,12 @@ def test_a_known_load_that_falls_out_is_found_at_its_time_with_its_mass():
     question = question_of(machine, [recorded(FIELD, spill, load_kg=600.0)], np.random.default_rng(1))
     step = changed_load(question, question.likelihood())
     assert abs(question.times[step.first] - SPILL_S) < 2.0 * BLOCK_ROWS / ROWS_HZ
+    (left,) = replace(question, step=step).residuals()  # the block in which the load changes was not fitted
+    uncounted = slice(BLOCK_ROWS * step.first, BLOCK_ROWS * (step.first + 1))
+    assert np.all(np.isnan(left[uncounted]))
+    np.testing.assert_array_equal(
+        np.isnan(np.delete(left, uncounted, axis=0)), np.isnan(np.delete(question.residuals()[0], uncounted, axis=0))
+    )
     found = HypothesisEvidence(examined(question, lambda _: True))
     assert ("payload_spill", "bucket") in found.credible, found.posterior
     best = found.best_of(("payload_spill", "bucket"))

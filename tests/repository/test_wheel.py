@@ -137,10 +137,13 @@ def test_a_machine_is_simulated_identified_and_replayed(installed):
 
 
 def test_the_demo_needs_nothing_else(installed):
-    """On the bus inside its process, with the shipped machine: a load is booked and near the truth. A busy computer
-    misses steps of the real clock; then the last load may wait for motion of the empty bucket when the run ends."""
+    """On the bus inside its process, with the shipped machine: what is booked is near the truth, and the demo says that
+    a load is not booked. A busy computer misses steps of the real clock; then a load may wait for motion of the empty
+    bucket, at most one of two."""
     found = installed.call("demo", "--cycles", "2", "--seed", "6", "--json", "demo.json")
-    cycle, last = json.loads((installed.here / "demo.json").read_text())["cycles"]
-    assert found.returncode == (last["estimated_kg"] is None), found.stderr
-    assert ("not booked" in found.stdout) == (last["estimated_kg"] is None)
-    assert abs(cycle["estimated_kg"] - cycle["true_kg"]) < 0.02 * 1500.0
+    cycles = json.loads((installed.here / "demo.json").read_text())["cycles"]
+    booked = [cycle for cycle in cycles if cycle["estimated_kg"] is not None]
+    assert found.returncode == (len(booked) < 2), found.stderr
+    assert ("not booked" in found.stdout) == (len(booked) < 2)
+    assert booked
+    assert all(abs(cycle["estimated_kg"] - cycle["true_kg"]) < 0.02 * 1500.0 for cycle in booked)

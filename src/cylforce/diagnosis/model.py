@@ -669,23 +669,35 @@ def _unsure_signs(forms: Sequence[Form], unit: Array, mean: Array, covariance: A
 def _learnt_variation(layout: ColumnLayout, grams: Sequence[Gram], healthy: Array, stated: Array) -> Array:
     """Return the run-to-run variation (K,) that makes each recording most probable given the others.
 
-    Only friction and pressure zeros are scaled, which vary by their nature. Recordings of different motion predict each
-    other badly by model error; geometry, masses and gains do not vary.
+    Friction, creep and pressure zeros are scaled, which vary by their nature, each by a factor of its own: friction
+    that differs between two motions tells nothing of zeros. Recordings of different motion predict each other badly by
+    model error; geometry, masses and gains do not vary.
     """
-    varying = np.zeros(layout.size, dtype=np.bool_)
+    fits = [_posterior_of(Gram.total([g for j, g in enumerate(grams) if j != k]), healthy) for k in range(len(grams))]
+    more, found = np.zeros(len(healthy) - layout.size), stated
+
+    def log_probability(variation: Array) -> float:
+        log = 0.0
+        for gram, (noise, mean, covariance, _) in zip(grams, fits, strict=True):
+            knowledge = MachineKnowledge(mean, covariance, np.append(variation, more), noise)
+            log += Likelihood(gram, np.ones(len(healthy)), (), knowledge).hypothesis((), noise).log
+        return log
+
+    for varying in _varying(layout):
+        trials = [np.where(varying, times * stated, found) for times in VARIATION_TIMES]
+        logs = [log_probability(v) - 0.5 * np.log2(t) ** 2 for v, t in zip(trials, VARIATION_TIMES, strict=True)]
+        found = trials[int(np.argmax(logs))]
+    return found
+
+
+def _varying(layout: ColumnLayout) -> list[Mask]:
+    """Return the columns (K,) of each kind of quantity that varies from run to run: friction, creep, pressure zeros."""
+    found: dict[tuple[RunToRun, bool], Mask] = {}
     for p, columns in zip(layout.proposals, layout.places, strict=True):
         if p.course is not TimeCourse.WINDOWS and p.about.varies in LEARNT:
-            varying[list(columns)] = True
-    fits = [_posterior_of(Gram.total([g for j, g in enumerate(grams) if j != k]), healthy) for k in range(len(grams))]
-    more, logs = np.zeros(len(healthy) - layout.size), []
-    for times in VARIATION_TIMES:
-        trial = np.append(np.where(varying, times * stated, stated), more)
-        log = -0.5 * float(np.log2(times)) ** 2
-        for gram, (noise, mean, covariance, _) in zip(grams, fits, strict=True):
-            case = Likelihood(gram, np.ones(len(healthy)), (), MachineKnowledge(mean, covariance, trial, noise))
-            log += case.hypothesis((), noise).log
-        logs.append(log)
-    return np.asarray(np.where(varying, VARIATION_TIMES[int(np.argmax(logs))] * stated, stated))
+            kind = found.setdefault((p.about.varies, p.rubs), np.zeros(layout.size, dtype=np.bool_))
+            kind[list(columns)] = True
+    return [found[kind] for kind in sorted(found, key=lambda kind: not kind[1])]
 
 
 # From an identification

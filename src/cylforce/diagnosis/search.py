@@ -556,11 +556,11 @@ class FieldQuestion:
     def residuals(self, values: Array | None = None) -> list[Array]:
         """Return the residuals (T, R) [N m] with coefficients (K'+1,), by default the reported ones.
 
-        Rows without a past for the whitening are NaN: they were not fitted.
+        Rows that were not fitted are NaN: those without a past for the whitening, the block in which a load changes.
         """
         coefficients = self.plain if values is None else values
         layout, found = self.machine.layout, []
-        for seen in self.seen:
+        for seen, (first, _) in zip(self.seen, self.spans, strict=True):
             columns = layout.columns(seen.rows, seen.recording)
             value = columns[..., -1] + columns[..., : layout.size] @ (coefficients[: layout.size] * layout.unit)
             for k, name in enumerate(self.loaded):
@@ -569,7 +569,9 @@ class FieldQuestion:
                     value = value + columns[..., layout.size + 1 : layout.size + 1 + CENTRE] @ (
                         coefficients[at : at + CENTRE] * LOAD_CENTRE
                     )
-            usable = seen.blocks.usable.reshape(-1, value.shape[1])[: len(value)]
+            usable = seen.blocks.usable.reshape(-1, value.shape[1])[: len(value)].copy()
+            if self.step and self.step.first >= first:
+                usable[BLOCK_ROWS * (self.step.first - first) :][:BLOCK_ROWS] = False
             found.append(np.where(usable, value, np.nan))
         return found
 
