@@ -497,15 +497,14 @@ def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], fo
     worse by more than that difference.
     """
     names = " and ".join("{}@{}".format(*cause.key) for cause in causes)
-    closed = found.high if all(c.lasts for c in causes) else found.closure
-    if np.isnan(closed):
+    if np.isnan(found.closure):
         return f"no difference remains that {names} could explain: not named"
     floor, machine = question.machine.floor.rms, question.machine.regressors.model.machine
     spread, known = question.machine.spread_of_joints, floor > 0.0
     before, after = (rms(each) ** 2 for each in (found.before, found.after))
     gap = float(np.mean(before[known] / floor[known] ** 2)) - 1.0
     healthy = float(np.mean(spread[known]) / max(gap, SAME_MACHINE))
-    if closed + healthy < min(least_closure(c.proposal.about.torque_error) for c in causes):
+    if found.closure + healthy < min(least_closure(c.proposal.about.torque_error) for c in causes):
         return f"simulated with {names}, much of the difference to the recordings remains: not named"
     worse = after - before > spread * floor**2
     if np.any(worse):
