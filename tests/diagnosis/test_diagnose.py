@@ -9,7 +9,6 @@ from cylforce.diagnosis import concluded, diagnose, single_effect
 from cylforce.diagnosis.decide import Verdict
 from cylforce.diagnosis.likelihood import Conditions
 from cylforce.diagnosis.search import NO_GAP, UNKNOWN
-from cylforce.diagnosis.statistics import rms
 from cylforce.effects.library import LIBRARY, proposals
 from cylforce.readings.constants import HALF
 from diagnosis.scenes import (
@@ -82,27 +81,11 @@ def test_cold_oil_that_warms_is_no_fault():
     assert names(found(*colder, effect(*loss, [1e4, 3e3])))[0] == loss
 
 
-def test_a_simulated_machine_is_fitted_only_as_far_as_it_is_uncertain():
-    """Friction stays as the references determine it. With other oil, or if they leave it open, it is fitted."""
-    question = diagnosed((FIELD, (effect("friction_level_change", "stick", 0.5),))).evidence.found.question
-    question = replace(question, same_oil=False)
-    machine, floor = question.machine, question.machine.floor.rms
-
-    def left(question, temperature=None):
-        case, conditions = question.likelihood(), Conditions(temperature=temperature)
-        noise = case.hypothesis((), replace(case.machine.noise, conditions=conditions)).noise
-        return np.max(rms(question.residuals(question.beside(np.zeros(question.size), case, noise))) / floor)
-
-    known = machine.machine
-    open_friction = np.diag(np.where(np.isin(np.arange(question.size), machine.layout.mechanical), 1.0, 0.0))
-    vague = replace(machine, machine=replace(known, covariance=known.covariance + open_friction))
-    gap = np.max(rms(question.residuals()) / floor)
-    assert gap > 2.5
-    np.testing.assert_allclose(left(question), gap, rtol=0.1)
-    np.testing.assert_allclose(left(question, 0.0), gap, rtol=0.1)
-    np.testing.assert_allclose(left(question.with_same_oil(), 1.0), gap, rtol=0.1)
-    assert left(question, 1.0) < 0.5 * gap
-    assert left(replace(question, machine=vague)) < 0.5 * gap
+def test_a_simulation_refits_what_oil_changes_only_where_the_oil_is_another():
+    question = replace(diagnosed((FIELD, ())).evidence.found.question, same_oil=False)
+    warmth = [None, 0.0, 0.3, 1.0]
+    assert [question.refits(Conditions(temperature=t)) for t in warmth] == [False, False, True, True]
+    assert not question.with_same_oil().refits(Conditions(temperature=1.0))
 
 
 def test_a_cause_by_itself_has_the_size_and_error_of_the_conditions_under_which_it_is_simulated():

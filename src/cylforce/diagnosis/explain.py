@@ -267,10 +267,11 @@ def _span(question: FieldQuestion, there: Mask) -> dict[str, float]:
 class Simulated:
     """Gap before and after causes are switched on in the simulated machine.
 
-    before:  residuals (T, R) [N m] of every recording without the causes; beside lasting ones as far as no parameters
-             explain it that are as probable by the machine's own recordings
+    before:  residuals (T, R) [N m] of every recording without the causes. If the oil has another temperature, friction
+             and sensor zeros are fitted
     after:   residuals (T, R) [N m] with them; the magnitudes of each span are fitted without that span
-    closure: share of the gap's energy that is removed; NaN where that gap is too small for a share
+    closure: share of the gap's energy that is removed; of the gap that the parameters leave, if the question fits them;
+             NaN where that gap is too small for a share
     low:     lower bound of its 90 % interval
     high:    upper bound of its 90 % interval
     """
@@ -307,26 +308,36 @@ class Simulation:
     def run(self, causes: Sequence[Cause], rng: np.random.Generator) -> Simulated:
         """Return the gap before and after causes; incidents have the sizes of their own blocks.
 
-        Before the causes and beside them, the machine is fitted as far as it is uncertain (`FieldQuestion.beside`).
+        Where the machine is refitted (`FieldQuestion.refits`), the closure compares its fit without the causes with its
+        fit beside them.
         """
-        before = after = self._counted(self._residuals((), None))
+        before = self._counted(self._residuals((), None))
+        refit = after = before
         if any(not c.lasts for c in causes) or (causes and self.candidate is None):
             after = self._residuals(causes, None)
         elif causes:
-            before = self._held_out(self._refitted)
             after = self._held_out(lambda kept: self._residuals(causes, kept))
-        before, after = (
-            [np.where(np.isnan(a), np.nan, b) for a, b in zip(self._counted(before), each, strict=True)]
-            for each in (before, after)
+            refit = self._held_out(self._refitted) if self._refits else before
+        after, refit = (
+            [np.where(np.isnan(a), np.nan, b) for a, b in zip(before, each, strict=True)] for each in (after, refit)
         )
+        before = refit if self._has_other_oil else before  # the causes do not account for the oil
         machine = self.question.machine
         value, (low, high) = closure(
-            np.concatenate([mean_squares(e) for e in before]),
+            np.concatenate([mean_squares(e) for e in refit]),
             np.concatenate([mean_squares(e) for e in after]),
             machine,
             rng,
         )
         return Simulated(before, after, value, low, high)
+
+    @property
+    def _refits(self) -> bool:
+        return self.candidate is not None and self.question.refits(self.candidate.hypothesis.noise.conditions)
+
+    @property
+    def _has_other_oil(self) -> bool:
+        return self.candidate is not None and self.candidate.hypothesis.noise.conditions.other_oil
 
     def _counted(self, residuals: list[Array]) -> list[Array]:
         """Return residuals (T, R) with NaN in rows with incident or contact beside the causes."""
@@ -404,7 +415,7 @@ class Simulation:
             more[list(form.columns)] = now.more[k : k + m]
             sized.append(replace(cause, sizes=sizes))
             k += m
-        return sized, other.beside(more, cases[1], whole.noise)
+        return sized, other.beside(more, cases[1], whole.noise.conditions)
 
     def _case(self, question: FieldQuestion, kept: Mask | None) -> Likelihood:
         """Return the likelihood of a question's kept blocks (B,), with the incident beside the causes."""
@@ -416,13 +427,10 @@ class Simulation:
         """Return residuals (T, R) without causes, the parameters fitted to the kept blocks (B,)."""
         if self.candidate is None:
             return self.question.residuals()
-        plain = self.question
+        plain, conditions = self.question, self.candidate.hypothesis.noise.conditions
         if self.candidate.question.laid is not None:
             plain = self.candidate.question.uncorrected().with_refined(None)
-        case = self._case(plain, kept)
-        noise = replace(case.machine.noise, conditions=self.candidate.hypothesis.noise.conditions)
-        noise = case.hypothesis((), noise).noise
-        return self.question.residuals(plain.beside(np.zeros(plain.size), case, noise))
+        return self.question.residuals(plain.beside(np.zeros(plain.size), self._case(plain, kept), conditions))
 
     def _nuisance(self, mask: Mask | None) -> Nuisance | None:
         """Return the nuisance of the incident's blocks, or of those among some blocks (B,)."""

@@ -792,16 +792,6 @@ class MachineKnowledge:
             return ()
         return tuple(c for c in TEMPERATURES if self.temperature.friction is not None or not c.other_oil)
 
-    def uncertain(self, conditions: Conditions) -> Array:
-        """Return the covariance (K, K) of the columns that is no run-to-run variation.
-
-        It is what the machine's own recordings leave uncertain, and what oil of another temperature changes.
-        """
-        change = self.temperature
-        if change is None or change.friction is None or not conditions.temperature:
-            return self.covariance
-        return self.covariance + change.zeros + conditions.temperature**2 * change.friction
-
     def under(self, conditions: Conditions) -> Array:
         """Return the covariance (K, K) of the columns under some conditions."""
         found = self.covariance + np.diag((conditions.variation * self.variation) ** 2)
@@ -986,20 +976,21 @@ class Likelihood:
         log += noise.log_norm(self.gram) - cost
         return MarginalLikelihood(known, covariance, fitted, score - known @ fitted, unsure, log)
 
-    def others(self, own: Sequence[int], start: Array, noise: ResidualNoise) -> Array:
-        """Return the most probable values (A,) of some columns, all other coefficients given.
+    def least_squares(self, own: Sequence[int], others: Array, conditions: Conditions) -> Array:
+        """Return the values (A,) of some columns by least squares with their prior, all other coefficients given.
 
-        Their prior has no run-to-run variation: a constant force turns Coulomb friction into asymmetric friction.
-        start: (K+1,) coefficients of the residual without these columns
-        noise: of the residual
+        The reported residual is that of least squares, joints weighted by their floor, without a model discrepancy.
+        others: (K+1,) coefficients of the residual without these columns
         """
-        chosen, information = list(own), noise.information(self.gram)
+        chosen, joints = list(own), len(self.gram.rows)
+        noise = ResidualNoise(np.zeros(joints), np.ones(joints))
+        information = noise.information(self.gram)
         if self.nuisance is not None:
             information = information - self.nuisance.marginal(noise)[0]
         products = information[chosen]
-        covariance = self.machine.uncertain(noise.conditions)[np.ix_(chosen, chosen)]
+        covariance = self.machine.under(conditions)[np.ix_(chosen, chosen)]
         precision = np.linalg.inv(symmetric_positive(covariance) + 1e-12 * np.eye(len(chosen)))
-        target = products @ start + precision @ self.machine.mean[chosen]
+        target = products @ others + precision @ self.machine.mean[chosen]
         return np.asarray(np.linalg.solve(products[:, chosen] + precision, target))
 
     def columns(self, forms: Sequence[int]) -> list[int]:

@@ -40,7 +40,6 @@ from cylforce.diagnosis.likelihood import (
     MarginalLikelihood,
     Nuisance,
     Payload,
-    ResidualNoise,
     TemperatureChange,
     effective_share,
     free_stretches,
@@ -519,20 +518,39 @@ class FieldQuestion:
             found[centres] = -np.linalg.solve(normal, whole[centres] @ found)
         return found
 
-    def beside(self, more: Array, case: Likelihood, noise: ResidualNoise) -> Array:
+    def refits(self, conditions: Conditions) -> bool:
+        """Return whether columns of the machine, and not only of loads, are fitted to these recordings."""
+        return bool(self._refitted_columns(conditions))
+
+    def _refitted_columns(self, conditions: Conditions) -> list[int]:
+        """Return the columns of the machine, without loads, that are fitted to these recordings.
+
+        Parameters are fitted where they are free, or identified without references. If the oil has another temperature,
+        friction and sensor zeros are fitted. Zeros are not fitted for another temperature of the sensors alone: a
+        constant force turns Coulomb friction into asymmetric friction.
+        """
+        own, change = set[int](), self.knowledge.temperature
+        if self.free or self.machine.references == 0:
+            own |= set(range(self.machine.layout.first))
+        if conditions.other_oil and change is not None and change.friction is not None:
+            own |= set(np.flatnonzero(np.diag(change.zeros + change.friction)).tolist())
+        return sorted(own)
+
+    def beside(self, more: Array, case: Likelihood, conditions: Conditions) -> Array:
         """Return the coefficients (K'+1,) of the reported residual given the sizes of effects.
 
-        The centres of the loads are fitted to it, and the columns of the machine as far as its own recordings leave
-        them uncertain: one minute of slow motion does not tell friction at speed.
-        more:  (K'+M,) sizes of the effects' columns, those of an effect with a refined shape appended
-        case:  likelihood of the blocks that count, with the same columns
-        noise: of the residual with the effects: what they leave is no change of the machine
+        The centres of the loads are fitted to it, and the columns of the machine that `refits` refers to.
+        more:       (K'+M,) sizes of the effects' columns, those of an effect with a refined shape appended
+        case:       likelihood of the blocks that count, with the same columns
+        conditions: of the recordings
         """
-        found, size = self.plain.copy(), self.machine.layout.size
-        own = [*np.flatnonzero(more[:size] == 0.0).tolist(), *range(size, size + CENTRE * len(self.loaded))]
-        start = np.concatenate([found[:-1], np.zeros(len(more) - self.size), found[-1:]]) - np.append(more, 0.0)
-        start[own] = 0.0
-        found[own] = -case.others(own, start, noise)
+        found, layout = self.plain.copy(), self.machine.layout
+        own = [k for k in self._refitted_columns(conditions) if more[k] == 0.0]
+        own += range(layout.size, layout.size + CENTRE * len(self.loaded))
+        if own:
+            start = np.concatenate([found[:-1], np.zeros(len(more) - self.size), found[-1:]]) - np.append(more, 0.0)
+            start[own] = 0.0
+            found[own] = -case.least_squares(own, start, conditions)
         return found
 
     def residuals(self, values: Array | None = None) -> list[Array]:
