@@ -143,6 +143,7 @@ def test_the_demo_needs_nothing_else(installed):
     found = installed.call("demo", "--cycles", "2", "--seed", "6", "--json", "demo.json")
     cycles = json.loads((installed.here / "demo.json").read_text())["cycles"]
     booked = [cycle for cycle in cycles if cycle["estimated_kg"] is not None]
+    assert len(cycles) == 2
     assert found.returncode == (len(booked) < 2), found.stderr
     assert ("not booked" in found.stdout) == (len(booked) < 2)
     assert booked

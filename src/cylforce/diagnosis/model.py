@@ -33,7 +33,7 @@ from cylforce.diagnosis.regressors import (
     typical_incidents,
 )
 from cylforce.diagnosis.statistics import Blocks, Gram, Mask, NoiseFloor, SharedNoise, in_blocks, rms
-from cylforce.effects.fault import INCIDENTAL, SHAPES, TORQUES, BaseMotion, RunToRun, TimeCourse
+from cylforce.effects.fault import INCIDENTAL, SHAPES, TORQUES, BaseMotion, Place, RunToRun, TimeCourse
 from cylforce.effects.incidents.payload_spill import PayloadSpill
 from cylforce.effects.library import Proposal
 from cylforce.effects.loads.rocker_weight import RockerWeight
@@ -669,9 +669,9 @@ def _unsure_signs(forms: Sequence[Form], unit: Array, mean: Array, covariance: A
 def _learnt_variation(layout: ColumnLayout, grams: Sequence[Gram], healthy: Array, stated: Array) -> Array:
     """Return the run-to-run variation (K,) that makes each recording most probable given the others.
 
-    Friction, creep and pressure zeros are scaled, which vary by their nature, each by a factor of its own: friction
-    that differs between two motions tells nothing of zeros. Recordings of different motion predict each other badly by
-    model error; geometry, masses and gains do not vary.
+    Friction, creep and pressure zeros are scaled, which vary by their nature: one after the other, each by a factor of
+    its own. Friction that differs between two motions is no sign of zeros that differ. Recordings of different
+    motion predict each other badly by model error; geometry, masses and gains do not vary.
     """
     fits = [_posterior_of(Gram.total([g for j, g in enumerate(grams) if j != k]), healthy) for k in range(len(grams))]
     more, found = np.zeros(len(healthy) - layout.size), stated
@@ -692,12 +692,13 @@ def _learnt_variation(layout: ColumnLayout, grams: Sequence[Gram], healthy: Arra
 
 def _varying(layout: ColumnLayout) -> list[Mask]:
     """Return the columns (K,) of each kind of quantity that varies from run to run: friction, creep, pressure zeros."""
-    found: dict[tuple[RunToRun, bool], Mask] = {}
+    friction, creep, zeros = (np.zeros(layout.size, dtype=np.bool_) for _ in range(3))
     for p, columns in zip(layout.proposals, layout.places, strict=True):
-        if p.course is not TimeCourse.WINDOWS and p.about.varies in LEARNT:
-            kind = found.setdefault((p.about.varies, p.rubs), np.zeros(layout.size, dtype=np.bool_))
-            kind[list(columns)] = True
-    return [found[kind] for kind in sorted(found, key=lambda kind: not kind[1])]
+        if p.course is TimeCourse.WINDOWS or p.about.varies not in LEARNT:
+            continue
+        kind = creep if p.about.varies is RunToRun.CREEP else zeros if p.about.place is Place.PRESSURE else friction
+        kind[list(columns)] = True
+    return [friction, creep, zeros]
 
 
 # From an identification

@@ -560,7 +560,7 @@ class FieldQuestion:
         """
         coefficients = self.plain if values is None else values
         layout, found = self.machine.layout, []
-        for seen, (first, _) in zip(self.seen, self.spans, strict=True):
+        for seen, span in zip(self.seen, self.spans, strict=True):
             columns = layout.columns(seen.rows, seen.recording)
             value = columns[..., -1] + columns[..., : layout.size] @ (coefficients[: layout.size] * layout.unit)
             for k, name in enumerate(self.loaded):
@@ -570,8 +570,8 @@ class FieldQuestion:
                         coefficients[at : at + CENTRE] * LOAD_CENTRE
                     )
             usable = seen.blocks.usable.reshape(-1, value.shape[1])[: len(value)].copy()
-            if self.step and self.step.first >= first:
-                usable[BLOCK_ROWS * (self.step.first - first) :][:BLOCK_ROWS] = False
+            if self.step and self.step.first in range(*span):
+                usable[BLOCK_ROWS * (self.step.first - span[0]) :][:BLOCK_ROWS] = False
             found.append(np.where(usable, value, np.nan))
         return found
 
