@@ -195,8 +195,24 @@ def test_references_that_differ_teach_a_larger_run_to_run_variation_and_like_one
     static, least = stated(few(), "angle_offset")
     for each in (steady, moving):
         np.testing.assert_allclose(each[static], least, rtol=0.05)
-    rubbing, usual = stated(few(), "coulomb_friction")
-    assert np.all(moving[rubbing] <= 1.001 * usual), moving[rubbing] / usual
+    rubbing, least = stated(few(), "coulomb_friction")
+    assert np.all(moving[rubbing] <= 1.001 * least), moving[rubbing] / least
+
+
+def test_friction_that_differs_between_references_is_no_sign_of_zeros_that_differ():
+    """An offset of a pressure sensor was hidden by friction that strokes and sines showed differently."""
+    names = ("coulomb_friction", "friction_level_change", "pressure_offset")
+    wanted = tuple(p for p in PROPOSALS if p.name in names)
+    levels = enumerate((-0.3, 0.0, 0.3), 1)
+    machine = learnt_from(
+        *(recorded(seed, effect("friction_level_change", "stick", level)) for seed, level in levels), wanted=wanted
+    )
+    coulomb, level, offset = (
+        machine.machine.variation[columns] / usual for columns, usual in (stated(machine, name) for name in names)
+    )
+    assert np.all(coulomb > 1.5), coulomb
+    assert np.all(level > 1.5), level
+    assert np.all(offset < 1.001), offset
 
 
 def test_an_error_that_references_show_with_an_impossible_sign_is_no_evidence_that_it_went():
