@@ -113,29 +113,39 @@ def test_a_wide_interval_of_the_closure_says_nothing():
     assert all(np.isnan(x) for x in replace(found, low=found.closure - 0.3).share)
 
 
-def test_a_cause_is_contradicted_by_its_closure_however_wide_the_interval():
-    """Sizes that one half of a recording has and the other has not close little: the interval is wide then."""
+def test_an_effect_that_lasts_is_contradicted_by_the_bound_of_its_closure_and_an_incident_by_the_closure_itself():
+    """Sizes of an incident are those of the very blocks in which it is simulated."""
     found = diagnosed((FIELD, (FAULT,)))
     question, cause = found.evidence.found.question, found.named[0].cause
     least = least_closure(cause.proposal.about.torque_error)
-    for closed, objected in ((least - 0.1, True), (least + 0.1, False)):
-        wide = replace(found.simulated, closure=closed, low=0.0, high=1.0)
-        assert bool(objection_to_simulation(question, (cause,), wide)) == objected
+    poor = replace(found.simulated, closure=least - 0.1, low=0.0, high=least + 0.1)
+    assert objection_to_simulation(question, (cause,), poor) == ""
+    assert objection_to_simulation(question, (replace(cause, form=None),), poor) != ""
 
 
 def test_what_two_recordings_of_a_healthy_machine_differ_is_no_fault_of_a_law():
     """Of a gap of two floors a right cause may leave much, of a large one little."""
     found = diagnosed((FIELD, (FAULT,)))
     question, cause = found.evidence.found.question, found.named[0].cause
-    floor, closure = healthy_machine().floor.rms, least_closure(cause.proposal.about.torque_error) - 0.2
+    floor, high = healthy_machine().floor.rms, least_closure(cause.proposal.about.torque_error) - 0.2
 
     def objection(gap):
         before = [gap * np.broadcast_to(floor, seen.rows.residual.shape) for seen in question.seen]
-        found_then = replace(found.simulated, before=before, after=[0.5 * e for e in before], closure=closure)
+        found_then = replace(found.simulated, before=before, after=[0.5 * e for e in before], closure=high, high=high)
         return objection_to_simulation(question, (cause,), found_then)
 
     assert objection(2.0) == ""
     assert "much of the difference" in objection(10.0)
+
+
+def test_a_cause_that_removes_nothing_is_contradicted_however_small_the_gap():
+    """What two recordings of a healthy machine differ allows a cause to leave a small gap, but not all of it."""
+    found = diagnosed((FIELD, (FAULT,)))
+    question, cause = found.evidence.found.question, found.named[0].cause
+    before = [1.3 * np.broadcast_to(healthy_machine().floor.rms, s.rows.residual.shape) for s in question.seen]
+    for closed, objected in ((-0.3, True), (0.0, True), (0.1, False)):
+        same = replace(found.simulated, before=before, after=before, closure=closed, high=1.0)
+        assert bool(objection_to_simulation(question, (cause,), same)) == objected
 
 
 def test_a_cause_that_makes_a_joint_worse_is_contradicted():
@@ -143,7 +153,7 @@ def test_a_cause_that_makes_a_joint_worse_is_contradicted():
     question, cause = found.evidence.found.question, found.named[0].cause
     floor = healthy_machine().floor.rms
     flat = [np.broadcast_to(floor, seen.rows.residual.shape) for seen in question.seen]
-    closed = replace(found.simulated, before=flat, closure=1.0)
+    closed = replace(found.simulated, before=flat, closure=1.0, high=1.0)
     within, beyond = ([e * [1.0, x] for e in flat] for x in (np.sqrt(1.0 + SAME_MACHINE) - 0.01, 2.4))
     assert objection_to_simulation(question, (cause,), replace(closed, after=within)) == ""
     said = objection_to_simulation(question, (cause,), replace(closed, after=beyond))
@@ -160,7 +170,7 @@ def test_a_joint_may_become_worse_by_as_much_as_its_own_references_differ(joint,
     unseen[:, joint] *= 9.0
     question = replace(question, machine=replace(machine, floor_unseen=unseen))
     flat = [np.broadcast_to(machine.floor.rms, seen.rows.residual.shape) for seen in question.seen]
-    worse = replace(found.simulated, before=flat, after=[e * [1.0, 2.4] for e in flat], closure=1.0)
+    worse = replace(found.simulated, before=flat, after=[e * [1.0, 2.4] for e in flat], closure=1.0, high=1.0)
     assert ("the bucket differs more" in objection_to_simulation(question, (cause,), worse)) == contradicted
 
 
@@ -173,7 +183,7 @@ def test_a_cause_that_makes_weights_worse_is_contradicted():
     kg = 3.0 / np.sqrt(np.mean((rms(unit) / floor) ** 2))
     after = [kg * e for e in unit]
     before = [e * np.where(np.arange(len(e)) < len(e) / 2, 1.0, -1.0)[:, None] for e in after]
-    closed = replace(found.simulated, closure=1.0)
+    closed = replace(found.simulated, closure=1.0, high=1.0)
     assert weight_error(question, after) == pytest.approx(kg, rel=0.3)
     assert "weights are more wrong" in objection_to_simulation(
         question, (cause,), replace(closed, before=before, after=after)
@@ -182,10 +192,11 @@ def test_a_cause_that_makes_weights_worse_is_contradicted():
 
 
 def test_the_gap_before_any_cause_knows_none():
-    """The residual before is that of the question: the references leave too little open to explain a fault."""
+    """The residual before is that of the question, whatever is simulated afterwards."""
     found = diagnosed((FIELD, (FAULT,)))
-    expected = rms(asked((FIELD, (FAULT,))).residuals())
-    np.testing.assert_allclose(np.max(rms(found.simulated.before)), np.max(expected), rtol=0.05)
+    expected = asked((FIELD, (FAULT,))).residuals()
+    for one, other in zip(found.simulated.before, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
 
 
 def test_a_steady_force_at_the_teeth_is_what_its_torque_looks_like():

@@ -500,19 +500,22 @@ def least_closure(law_error: float) -> float:
 def objection_to_simulation(question: FieldQuestion, causes: Sequence[Cause], found: Simulated) -> str:
     """Return a sentence why the simulation excludes causes; empty if it does not.
 
-    The closure of the causes must reach `least_closure`; of several causes, that of the least accurate law. The
-    difference between two recordings of a healthy machine is added to the closure. No joint and no weight may become
-    worse by more than that difference.
+    The closure of the causes must be positive and reach `least_closure`; of several causes, that of the least accurate
+    law. The difference between two recordings of a healthy machine is added to the closure. No joint and no weight may
+    become worse by more than that difference.
     """
     names = " and ".join("{}@{}".format(*cause.key) for cause in causes)
-    if np.isnan(found.closure):
+    closed = found.high if all(c.lasts for c in causes) else found.closure
+    if np.isnan(closed):
         return f"no difference remains that {names} could explain: not named"
+    if found.closure <= 0.0:
+        return f"simulated with {names}, the difference to the recordings does not become smaller: not named"
     floor, machine = question.machine.floor.rms, question.machine.regressors.model.machine
     spread, known = question.machine.spread_of_joints, floor > 0.0
     before, after = (rms(each) ** 2 for each in (found.before, found.after))
     gap = float(np.mean(before[known] / floor[known] ** 2)) - 1.0
     healthy = float(np.mean(spread[known]) / max(gap, SAME_MACHINE))
-    if found.closure + healthy < min(least_closure(c.proposal.about.torque_error) for c in causes):
+    if closed + healthy < min(least_closure(c.proposal.about.torque_error) for c in causes):
         return f"simulated with {names}, much of the difference to the recordings remains: not named"
     worse = after - before > spread * floor**2
     if np.any(worse):
