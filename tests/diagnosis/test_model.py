@@ -195,12 +195,12 @@ def test_references_that_differ_teach_a_larger_run_to_run_variation_and_like_one
     static, least = stated(few(), "angle_offset")
     for each in (steady, moving):
         np.testing.assert_allclose(each[static], least, rtol=0.05)
-    rubbing, least = stated(few(), "coulomb_friction")
-    assert np.all(moving[rubbing] <= 1.001 * least), moving[rubbing] / least
+    rubbing, usual_friction = stated(few(), "coulomb_friction")
+    assert np.all(moving[rubbing] <= 1.001 * usual_friction), moving[rubbing] / usual_friction
 
 
 def test_friction_that_differs_between_references_is_no_sign_of_zeros_that_differ():
-    """An offset of a pressure sensor was hidden by friction that strokes and sines showed differently."""
+    """With a common factor, friction that differed between strokes and sines widened what zeros vary by eight times."""
     names = ("coulomb_friction", "friction_level_change", "pressure_offset")
     wanted = tuple(p for p in PROPOSALS if p.name in names)
     levels = enumerate((-0.3, 0.0, 0.3), 1)

@@ -221,12 +221,11 @@ def test_a_known_load_that_falls_out_is_found_at_its_time_with_its_mass():
     question = question_of(machine, [recorded(FIELD, spill, load_kg=600.0)], np.random.default_rng(1))
     step = changed_load(question, question.likelihood())
     assert abs(question.times[step.first] - SPILL_S) < 2.0 * BLOCK_ROWS / ROWS_HZ
-    (left,) = replace(question, step=step).residuals()  # the block in which the load changes was not fitted
-    uncounted = slice(BLOCK_ROWS * step.first, BLOCK_ROWS * (step.first + 1))
-    assert np.all(np.isnan(left[uncounted]))
-    np.testing.assert_array_equal(
-        np.isnan(np.delete(left, uncounted, axis=0)), np.isnan(np.delete(question.residuals()[0], uncounted, axis=0))
-    )
+    (residual,), (without_step,) = replace(question, step=step).residuals(), question.residuals()
+    block_of_change = slice(BLOCK_ROWS * step.first, BLOCK_ROWS * (step.first + 1))
+    assert np.all(np.isnan(residual[block_of_change]))  # it was not fitted
+    others = [np.isnan(np.delete(rows, block_of_change, axis=0)) for rows in (residual, without_step)]
+    np.testing.assert_array_equal(*others)
     found = HypothesisEvidence(examined(question, lambda _: True))
     assert ("payload_spill", "bucket") in found.credible, found.posterior
     best = found.best_of(("payload_spill", "bucket"))

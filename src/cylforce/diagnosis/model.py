@@ -669,9 +669,9 @@ def _unsure_signs(forms: Sequence[Form], unit: Array, mean: Array, covariance: A
 def _learnt_variation(layout: ColumnLayout, grams: Sequence[Gram], healthy: Array, stated: Array) -> Array:
     """Return the run-to-run variation (K,) that makes each recording most probable given the others.
 
-    Friction, creep and pressure zeros are scaled, which vary by their nature: one after the other, each by a factor of
-    its own. Friction that differs between two motions is no sign of zeros that differ. Recordings of different
-    motion predict each other badly by model error; geometry, masses and gains do not vary.
+    Friction, creep and pressure zeros vary by their nature. The factor of each is chosen by itself, in this order:
+    friction that differs between two motions does not imply that zeros differ. Geometry, masses and gains do not vary:
+    where they seem to, recordings of different motion predict each other badly by model error.
     """
     fits = [_posterior_of(Gram.total([g for j, g in enumerate(grams) if j != k]), healthy) for k in range(len(grams))]
     more, found = np.zeros(len(healthy) - layout.size), stated
@@ -691,13 +691,17 @@ def _learnt_variation(layout: ColumnLayout, grams: Sequence[Gram], healthy: Arra
 
 
 def _varying(layout: ColumnLayout) -> list[Mask]:
-    """Return the columns (K,) of each kind of quantity that varies from run to run: friction, creep, pressure zeros."""
+    """Return the columns (K,) of friction, of creep and of pressure zeros, the quantities that vary from run to run."""
     friction, creep, zeros = (np.zeros(layout.size, dtype=np.bool_) for _ in range(3))
     for p, columns in zip(layout.proposals, layout.places, strict=True):
         if p.course is TimeCourse.WINDOWS or p.about.varies not in LEARNT:
             continue
-        kind = creep if p.about.varies is RunToRun.CREEP else zeros if p.about.place is Place.PRESSURE else friction
-        kind[list(columns)] = True
+        if p.about.varies is RunToRun.CREEP:
+            creep[list(columns)] = True
+        elif p.about.place is Place.PRESSURE:
+            zeros[list(columns)] = True
+        else:
+            friction[list(columns)] = True
     return [friction, creep, zeros]
 
 

@@ -556,7 +556,7 @@ class FieldQuestion:
     def residuals(self, values: Array | None = None) -> list[Array]:
         """Return the residuals (T, R) [N m] with coefficients (K'+1,), by default the reported ones.
 
-        Rows that were not fitted are NaN: those without a past for the whitening, the block in which a load changes.
+        Rows that were not fitted are NaN: those without a past for the whitening, and a block in which a load changes.
         """
         coefficients = self.plain if values is None else values
         layout, found = self.machine.layout, []
